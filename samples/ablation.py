@@ -31,7 +31,7 @@ from core.report import Report
 from core.system.atomic import write_text
 from samples.measurements import arguments, markdown
 from samples.measurements.finished import measured, with_split
-from samples.measurements.seeds import METRICS, cell, folder_name
+from samples.measurements.seeds import METRICS, cell, folder_name, results_of, scores_of
 from samples.measurements.variants import FULL, VARIANTS
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
@@ -90,7 +90,7 @@ def ablate(
 
 def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
     """Markdown: means over the seeds, with their standard deviation where there are several."""
-    of_full = _of(runs[FULL], protocol)
+    of_full = results_of(runs[FULL], protocol)
     first = of_full[0]
     against = "clean" if "clean" in first["means"] else "photo"
     what = "the clean truth" if against == "clean" else "the test photos"
@@ -101,14 +101,14 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
     how += "SSIM and LPIPS are of the refined look, or of the zero-shot one where none can be refined."
     rows = []
     for name, group in runs.items():
-        results = _of(group, protocol)
+        results = results_of(group, protocol)
         cells = [name]
         for look in ("zero_shot", "refined"):
-            own, full = (_scores(each, against, look, "psnr") for each in (results, of_full))
+            own, full = (scores_of(each, against, look, "psnr") for each in (results, of_full))
             differences = [a - b for a, b in zip(own, full, strict=True) if a is not None and b is not None]
             cells += [cell(own, "{:.2f}"), "" if name == FULL else cell(differences, "{:+.2f}")]
-        best = "zero_shot" if _scores(results, against, "refined", "psnr")[0] is None else "refined"
-        cells.append(" / ".join(cell(_scores(results, against, best, metric), "{:.3f}", False) for metric in METRICS[1:]))
+        best = "zero_shot" if scores_of(results, against, "refined", "psnr")[0] is None else "refined"
+        cells.append(" / ".join(cell(scores_of(results, against, best, metric), "{:.3f}", False) for metric in METRICS[1:]))
         cells.append(cell([result["mask_iou"] for result in results], "{:.2f}"))
         cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}"))
         cells.append(cell([result["training_seconds"] for result in results], "{:.0f}"))
@@ -133,16 +133,6 @@ def csv_of(runs: dict[str, list[dict]]) -> str:
                         figures = (scores[metric] for metric in METRICS)
                         rows.writerow((name, result["seed"], protocol, against, look, *figures, *ends))
     return text.getvalue()
-
-
-def _of(group: list[dict], protocol: str) -> list[dict]:
-    """The results of a variant's runs by one protocol."""
-    return [one["results"][protocol] for one in group]
-
-
-def _scores(results: list[dict], against: str, look: str, metric: str) -> list[float | None]:
-    """A metric's mean over the photos in each of these results; None where it was not measured."""
-    return [result["means"][against].get(look, {}).get(metric) for result in results]
 
 
 if __name__ == "__main__":

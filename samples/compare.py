@@ -23,7 +23,7 @@ import click
 from core.system.atomic import write_json
 from samples.measurements import arguments, markdown
 from samples.measurements.finished import measured
-from samples.measurements.seeds import METRICS, cell, folder_name
+from samples.measurements.seeds import METRICS, cell, folder_name, results_of, scores_of
 from samples.measurements.variants import AFFINE, FULL, PLAIN, VARIANTS
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
@@ -54,22 +54,22 @@ def main(scene: Path, preset_name: str, resolution: int, seeds: int, protocols: 
 def table(runs: dict[str, list[dict]], protocols: Sequence[str]) -> str:
     """Markdown: PSNR / SSIM / LPIPS against each known truth, for zero-shot and refined looks. runs: of each method, one entry per seed."""
     against = list(runs["wegs"][0]["results"][protocols[0]]["means"])
-    scores_of = [f"{name}: {look}" for name in against for look in ("zero-shot", "refined")]
+    columns = [f"{name}: {look}" for name in against for look in ("zero-shot", "refined")]
     rows = []
     for method, group in runs.items():
         for protocol in protocols:
-            results = [one["results"][protocol] for one in group]
+            results = results_of(group, protocol)
             cells = [method, protocol]
             for name in against:
                 for look in ("zero_shot", "refined"):
-                    scores = [result["means"].get(name, {}).get(look, {}) for result in results]
-                    metrics = [cell([one.get(metric) for one in scores], "{:.2f}", metric == "psnr") for metric in METRICS]
-                    cells.append(" / ".join(metrics) if scores[0] else "-")
+                    scores = {metric: scores_of(results, name, look, metric) for metric in METRICS}
+                    is_known = scores["psnr"][0] is not None
+                    cells.append(" / ".join(cell(scores[metric], "{:.2f}", metric == "psnr") for metric in METRICS) if is_known else "-")
             cells.append(cell([result.get("mask_iou") for result in results], "{:.2f}"))
             cells.append(cell([result["training_seconds"] for result in results], "{:.0f}", False))
             cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}", False))
             rows.append(cells)
-    return markdown.table(["method", "protocol", *scores_of, "mask IoU", "training s", ".ply MB"], rows)
+    return markdown.table(["method", "protocol", *columns, "mask IoU", "training s", ".ply MB"], rows)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ QUALITY = 88  # of JPEG
 @click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
 @click.option("--view", "views", multiple=True, help="Photo of the run from whose camera the looks are seen.  [default: a held-out one]")
 @click.option("--renders", is_flag=True, help="Draw no photos, but the looks in a row for each --view.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="The sheet.  [default: styles.jpg]")
+@click.option("-o", "--output", type=arguments.PATH, help="The sheet.  [default: styles.jpg]")
 @click.option("--force", is_flag=True, help="Replace what is there.")
 def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None, force: bool) -> None:
     """Draw the looks of RUN (default: the newest)."""
@@ -73,25 +73,22 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
     if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):
         raise BadInput("The styles drawn by default are of samples/plaza, beside their photos.", "Add --style PHOTO.")
+    if not styles:
+        styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
+    seen_from = [trained.collection.photo(view) for view in views or (None,)]
+    for style in styles:
+        check_known(trained, style)
+        if not (renders or Path(style).is_file()):
+            raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
     with Terminal() as terminal:
-        if not styles:
-            styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
-        seen_from = [trained.collection.photo(view) for view in views or (None,)]
-        for style in styles:
-            check_known(trained, style)
-            if not (renders or Path(style).is_file()):
-                raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
         words = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
         looks = {word: find_look(trained, word, report=terminal) for word in words}  # each takes seconds
         if lights is not None:
-            from_left = trained.collection.photo(PLAZA_VIEWS[0])
-            shots = [tile(rendered(trained, looks[word], from_left), LARGE_PX) for word in PLAZA_LOOKS]
-            shots = [shot if word == "neutral" else with_inset(shot, source(trained, word)) for word, shot in zip(PLAZA_LOOKS, shots, strict=True)]
-            write_jpeg(lights, [shots[:3], shots[3:]], terminal)
+            write_jpeg(lights, six_lights(trained, looks), terminal)
         neutral, in_styles = looks["neutral"], {style: looks[style] for style in styles}
         if renders:
-            drawn_looks = neutral, *in_styles.values()
-            rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in drawn_looks] for photo in seen_from]
+            in_a_row = neutral, *in_styles.values()
+            rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in in_a_row] for photo in seen_from]
         else:
             rows = sheet(trained, neutral, in_styles, seen_from[0])
         write_jpeg(output, rows, terminal)
@@ -100,8 +97,16 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
                 terminal.say(line)
 
 
+def six_lights(trained: TrainedRun, looks: dict[str, Look]) -> list[list[np.ndarray]]:
+    """Two rows of three: PLAZA_LOOKS from one camera, each with the photo that it was read from in a corner."""
+    photo = trained.collection.photo(PLAZA_VIEWS[0])
+    pictures = {word: tile(rendered(trained, looks[word], photo), LARGE_PX) for word in PLAZA_LOOKS}
+    shown = [picture if word == "neutral" else with_inset(picture, source(trained, word)) for word, picture in pictures.items()]
+    return [shown[:3], shown[3:]]
+
+
 def sheet(trained: TrainedRun, neutral: Look, in_styles: dict[str, Look], photo: Photo) -> list[list[np.ndarray]]:
-    """Rows of pictures: one for each style photo and its look, then a strip of looks from the first to the last."""
+    """Rows of pictures: one for each style photo with its look, then a strip of looks from that of the first photo to that of the last."""
     looks, rows = list(in_styles.values()), []
     for style, look in in_styles.items():
         row = [read_pixels(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]

@@ -1,4 +1,4 @@
-"""Tables of runs with several seeds: the runs' folders, and the figures of all seeds in one cell."""
+"""Runs with several seeds: their folders, and the figures of all of them in one cell of a table."""
 
 from collections.abc import Sequence
 from statistics import fmean, stdev
@@ -11,8 +11,18 @@ def folder_name(title: str) -> str:
     return "".join(letter if letter.isalnum() else "-" for letter in title)
 
 
+def results_of(runs: list[dict], protocol: str) -> list[dict]:
+    """The results by one protocol. runs: of several seeds, each as of `finished.measured`."""
+    return [run["results"][protocol] for run in runs]
+
+
+def scores_of(results: list[dict], against: str, look: str, metric: str) -> list[float | None]:
+    """A metric's mean over the photos, for each of the results; None where it was not measured."""
+    return [result["means"].get(against, {}).get(look, {}).get(metric) for result in results]
+
+
 def cell(values: Sequence[float | None], form: str, spread: bool = True) -> str:
-    """The mean of the known values and, where there are several, their standard deviation; form: as of `str.format`."""
+    """The mean of the known values and, if there are several, their standard deviation; "-" if there are none. form: as of `str.format`."""
     known = [value for value in values if value is not None]
     if not known:
         return "-"

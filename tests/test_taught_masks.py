@@ -28,6 +28,13 @@ def test_passers_by_that_look_alike_are_found():
     assert taught_masks.mean_iou(taught_masks.PlainMask(), test) < 0.2  # untaught
 
 
+def test_the_lowest_quarter_overlaps_with_those_who_stand_there():
+    static = torch.ones(8, 6, dtype=torch.bool)
+    static[6:, 3:] = False
+    example = taught_masks.Example(torch.zeros(3, 4, 4), static)
+    assert taught_masks.mean_iou(lambda _: taught_masks.LOWEST_QUARTER, [example]) == 0.5
+
+
 def test_a_scene_without_known_masks_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(taught_masks, "load_collection", lambda scene: small_collection(scene))
     result = CliRunner().invoke(taught_masks.main, [str(tmp_path)])

@@ -44,7 +44,7 @@ class MaskUNet(nn.Module):
         super().__init__()
         self.down_1 = rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1))
         self.down_2 = rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1))
-        # Kernels of 4 are a multiple of the stride: those of 3 leave a chequerboard in the mask.
+        # Kernels of 4 are a multiple of the stride: those of 3 leave a far stronger chequerboard in the mask.
         self.up_1 = rectified(nn.ConvTranspose2d(channels, channels, 4, stride=2, padding=1))
         self.up_2 = rectified(nn.ConvTranspose2d(2 * channels, 1, 4, stride=2, padding=1))
         with torch.no_grad():

@@ -69,7 +69,7 @@ def test_after_baking_the_user_is_told_how_to_view_the_look(trained, tmp_path):
 
 def test_an_interpolation_reports_each_of_its_looks_on_a_line(trained, tmp_path):
     heard = Heard()
-    pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, view="photo_1")
+    pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, views=["photo_1"])
     assert heard.lines[0].endswith("small: 2 frames, seen from photo_1.png")
     assert heard.lines[1:3] == ["  from the neutral look (mean of the training photos)", "  to training photo photo_0.png, refined"]
 

@@ -1,5 +1,6 @@
 """A trained run and two looks -> the frames between them: what `wegs interpolate` does."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from core.data.made import FADE, is_of_wegs
@@ -26,24 +27,27 @@ def interpolate(
     output: Path | None = None,
     report: Report = QUIET,
     *,
-    view: str | None = None,
+    views: Sequence[str] = (),
     ply: bool = False,
     force: bool = False,
     refine: bool = True,
 ) -> Path:
-    """Fade from one look to another in `steps` frames (2 or more), seen by the camera of photo `view`; returns their folder.
+    """Fade from one look to another in `steps` frames (2 or more); returns their folder.
 
-    The first and the last frame show the two looks themselves, bit for bit. ply: write each look as a .ply, too.
-    refine: as in `bake_to_file`.
-    Raises BadSetting for fewer steps and for an output with the suffix of a file, BadInput for a run, look, view or output that cannot be used;
-    DiskFull.
+    The first and the last frame show the two looks themselves, bit for bit. views: one photo whose camera is used, or two between whose cameras it
+    moves, see `Camera.toward`; none: as `find_view`. ply: write each look as a .ply, too. refine: as in `bake_to_file`.
+    Raises BadSetting for fewer steps, more views and an output with the suffix of a file, BadInput for a run, look, view or output that cannot be
+    used; DiskFull.
     """
     if steps < 2:
         raise BadSetting(f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more.")
+    if len(views) > 2:
+        raise BadSetting(f"The camera cannot move along {len(views)} views.", "Give --view once, or twice for the way between two cameras.")
     if output is not None:
         check_named_as_folder(output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them")
     trained = open_run(folder, report)
-    photo = find_view(trained, view)
+    photos = [find_view(trained, view) for view in views or (None,)]
+    seen_from = f"seen from {' to '.join(photo.name for photo in photos)}"
     output = output or Path(f"{_short(first)}-to-{_short(last)}")
     check_apart(output, [Path(first), Path(last)])
     old = check_fillable(output, FADE, force)
@@ -53,14 +57,14 @@ def interpolate(
         check_known(trained, word)
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
     ends = looks[first], looks[last]
-    report.say(f"{trained.folder}{trained.on_device_in_words}: {counted(steps, 'frame')}, seen from {photo.name}")
+    report.say(f"{trained.folder}{trained.on_device_in_words}: {counted(steps, 'frame')}, {seen_from}")
     for which, end in zip(("from", "to"), ends, strict=True):
         report.say(f"  {which} {end.source}")
     if not trained.has_looks:
         report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
-        frames = _write_frames(trained, ends, steps, trained.camera(photo), ply, work, report)
-        write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, seen from {photo.name}", frames))
+        frames = _write_frames(trained, ends, steps, [trained.camera(photo) for photo in photos], ply, work, report)
+        write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, {seen_from}", frames))
         try:
             write_video(work / "video.mp4", frames)
         except WegsError as problem:  # the frames, which took the time, are kept
@@ -74,16 +78,19 @@ def interpolate(
     return output
 
 
-def _write_frames(trained: TrainedRun, ends: tuple[Look, Look], steps: int, camera: Camera, ply: bool, folder: Path, report: Report) -> KeptPictures:
+def _write_frames(
+    trained: TrainedRun, ends: tuple[Look, Look], steps: int, cameras: list[Camera], ply: bool, folder: Path, report: Report
+) -> KeptPictures:
     """Draw the looks from one end to the other, and write them as pictures and, with `ply`, as files; returns the pictures."""
     pruner = pruner_of(trained, report) if ply else None
     told, digits = _OnceEach(report), max(3, len(str(steps - 1)))
     frames = [folder / f"frame_{step:0{digits}d}.png" for step in range(steps)]
     for step, frame in enumerate(frames):
-        look = blend(*ends, step / (steps - 1))
+        share = step / (steps - 1)
+        look = blend(*ends, share)
         if ply:
             write_look(trained, look, folder / f"step_{step:0{digits}d}.ply", told, pruner)
-        write_png(frame, to_8_bit(drawn(trained, bake(trained, look), camera)))
+        write_png(frame, to_8_bit(drawn(trained, bake(trained, look), cameras[0].toward(cameras[-1], share))))
         report.progress("Frames", step + 1, steps)
     return KeptPictures(frames)
 

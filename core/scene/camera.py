@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from core.scene.frame import SceneFrame
 
@@ -59,6 +60,23 @@ class Camera:
     def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
         """The window of the picture that starts at (left, top); all in pixels."""
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
+
+    def toward(self, other: "Camera", share: float) -> "Camera":
+        """The camera that is this `share` of the way to another one, in [0, 1]: on a straight line, turning at a constant rate.
+
+        The picture keeps its size and principal point. The other's focal length counts relative to the longer side of its own picture.
+        """
+        if share == 0 or other is self:
+            return self
+        turn = Rotation.from_matrix(other.world_to_camera @ self.world_to_camera.T).as_rotvec()
+        enlarged = max(self.width, self.height) / max(other.width, other.height)
+        return replace(
+            self,
+            world_to_camera=Rotation.from_rotvec(share * turn).as_matrix() @ self.world_to_camera,
+            centre=(1 - share) * self.centre + share * other.centre,
+            fx=(1 - share) * self.fx + share * enlarged * other.fx,
+            fy=(1 - share) * self.fy + share * enlarged * other.fy,
+        )
 
     def in_scene(self, frame: SceneFrame) -> "Camera":
         """The camera moved from world units into the scene frame."""

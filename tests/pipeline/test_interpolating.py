@@ -40,6 +40,18 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
     assert not torch.equal(ends_sh[1], ends_sh[0]) and not torch.equal(ends_sh[1], ends_sh[2])
 
 
+def test_the_camera_moves_from_one_view_to_the_other(trained, tmp_path):
+    folder, views = trained[0], ("photo_0", "photo_2")
+    fades = {
+        names: pipeline.interpolate(folder, *["neutral"] * 2, 3, tmp_path / "-".join(names), views=names) for names in (views, views[:1], views[1:])
+    }
+    moved, first, last = ([cv2.imread(str(fade / f"frame_00{step}.png")).astype(int) for step in range(3)] for fade in fades.values())
+    assert (moved[0] == first[0]).all() and abs(moved[2] - last[2]).max() <= 1
+    assert min(abs(moved[1] - end).mean() for end in (moved[0], moved[2])) > 1
+    with pytest.raises(BadSetting, match="along 3 views"):
+        pipeline.interpolate(folder, "neutral", "neutral", 3, tmp_path / "none", views=("photo_0", "photo_1", "photo_2"))
+
+
 def test_a_look_that_is_both_ends_is_found_once(trained, tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(interpolating, "find_look", lambda live, word, **choices: asked.append(word) or find_look(live, word, **choices))
@@ -84,7 +96,7 @@ def test_force_replaces_a_fade_but_no_photos_that_are_called_frames(trained, tmp
 def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
     with pytest.raises(BadInput, match="no photo bogus"):
-        pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", view="bogus")
+        pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", views=["bogus"])
     for name in ("garbled.json", "garbled.png"):
         (tmp_path / name).write_text("nothing")
     for word, words in (

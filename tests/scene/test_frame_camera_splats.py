@@ -38,6 +38,19 @@ def splats(count: int = 6) -> Splats:
 # -------------------------------------------------------------------------------------------------------------- frame
 
 
+def test_a_camera_moves_straight_and_turns_evenly_toward_another():
+    quarter = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # about the y axis
+    start = Camera(np.eye(3), np.array([0.0, 0.0, 0.0]), 100.0, 100.0, 50.0, 40.0, 100, 80)
+    end = Camera(quarter, np.array([2.0, 0.0, 4.0]), 400.0, 400.0, 80.0, 100.0, 160, 200)
+    assert start.toward(end, 0) is start and start.toward(start, 0.3) is start
+    half, whole = start.toward(end, 0.5), start.toward(end, 1)
+    np.testing.assert_allclose(half.world_to_camera @ half.world_to_camera, quarter, atol=1e-12)
+    np.testing.assert_allclose(whole.world_to_camera, quarter, atol=1e-12)
+    assert half.centre.tolist() == [1, 0, 2] and whole.centre.tolist() == [2, 0, 4]
+    assert (half.fx, half.fy, whole.fx) == (150.0, 150.0, 200.0)  # the other's picture is twice as long
+    assert (whole.cx, whole.cy, whole.width, whole.height) == (50.0, 40.0, 100, 80)
+
+
 def test_around_puts_the_quantile_at_radius_one():
     world = np.random.default_rng(1).normal(FRAME.centre, 50.0, (1000, 3))
     world[:10] += 1e5  # outliers, as SfM makes them, move neither centre nor radius by much

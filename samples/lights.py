@@ -4,6 +4,8 @@
     python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
     python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg      # without its photos
 
+    python samples/lights.py RUN --style 0012.jpg --style night.jpg --grid --view 0012.jpg -o grid.jpg          # as lights.jpg, of anyone's run
+
 lights.jpg (without -o or --style): six looks, each with its photo in a corner. styles.jpg, or the file of -o: a row for each style photo (photo |
 neutral | its look | truth if it is known), and below them the looks between the first style (or neutral) and the last. If the truth is known, the
 script also prints how close the look comes to it in PSNR (dB), beside the nearest look of a training photo and the look fitted to the truth itself.
@@ -58,10 +60,13 @@ QUALITY = 88  # of JPEG
 @arguments.run
 @click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
 @click.option("--view", "views", multiple=True, help="Photo of the run from whose camera the looks are seen.  [default: a held-out one]")
+@click.option("--grid", is_flag=True, help="Draw the looks of --style in rows of three, each with its photo in a corner.")
 @click.option("--renders", is_flag=True, help="Draw no photos, but the looks in a row for each --view.")
 @click.option("-o", "--output", type=arguments.PATH, help="The sheet.  [default: styles.jpg]")
 @click.option("--force", is_flag=True, help="Replace what is there.")
-def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], renders: bool, output: Path | None, force: bool) -> None:
+def main(
+    run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], grid: bool, renders: bool, output: Path | None, force: bool
+) -> None:
     """Draw the looks of RUN (default: the newest)."""
     trained = load_run(run_folders.find_run(run_folder))
     lights, output = None if output or styles else Path("lights.jpg"), output or Path("styles.jpg")
@@ -69,6 +74,8 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
         raise BadInput(f"{output} is not named like a JPEG.", "End it in .jpg.")
     for path in filter(None, (lights, output)):
         check_replaceable(path, force)
+    if grid and (renders or not styles):
+        raise BadInput("--grid draws the looks of --style beside their photos.", "Add --style PHOTO, and leave --renders out.")
     if len(views) > 1 and not renders:
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
     if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):
@@ -78,17 +85,19 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
     seen_from = [trained.collection.photo(view) for view in views or (None,)]
     for style in styles:
         check_known(trained, style)
-        if not (renders or Path(style).is_file()):
+        if not (grid or renders or Path(style).is_file()):
             raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
     with Terminal() as terminal:
         words = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
         looks = {word: find_look(trained, word, report=terminal) for word in words}  # each takes seconds
         if lights is not None:
-            write_jpeg(lights, six_lights(trained, looks), terminal)
+            write_jpeg(lights, grid_of({word: looks[word] for word in PLAZA_LOOKS}, trained, trained.collection.photo(PLAZA_VIEWS[0])), terminal)
         neutral, in_styles = looks["neutral"], {style: looks[style] for style in styles}
         if renders:
             in_a_row = neutral, *in_styles.values()
             rows = [[tile(rendered(trained, look, photo), TILE_PX) for look in in_a_row] for photo in seen_from]
+        elif grid:
+            rows = grid_of(in_styles, trained, seen_from[0])
         else:
             rows = sheet(trained, neutral, in_styles, seen_from[0])
         write_jpeg(output, rows, terminal)
@@ -97,12 +106,11 @@ def main(run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...
                 terminal.say(line)
 
 
-def six_lights(trained: TrainedRun, looks: dict[str, Look]) -> list[list[np.ndarray]]:
-    """Two rows of three: PLAZA_LOOKS from one camera, each with the photo that it was read from in a corner."""
-    photo = trained.collection.photo(PLAZA_VIEWS[0])
-    pictures = {word: tile(rendered(trained, looks[word], photo), LARGE_PX) for word in PLAZA_LOOKS}
+def grid_of(looks: dict[str, Look], trained: TrainedRun, photo: Photo) -> list[list[np.ndarray]]:
+    """Rows of three: the looks from the camera of `photo`, each with the photo that it was read from in a corner."""
+    pictures = {word: tile(rendered(trained, look, photo), LARGE_PX) for word, look in looks.items()}
     shown = [picture if word == "neutral" else with_inset(picture, source(trained, word)) for word, picture in pictures.items()]
-    return [shown[:3], shown[3:]]
+    return [shown[first : first + 3] for first in range(0, len(shown), 3)]
 
 
 def sheet(trained: TrainedRun, neutral: Look, in_styles: dict[str, Look], photo: Photo) -> list[list[np.ndarray]]:

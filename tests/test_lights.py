@@ -53,6 +53,16 @@ def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
     np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
 
 
+def test_a_grid_of_looks_with_their_photos(folder, tmp_path):
+    line = [str(folder), "--grid", "-o", str(sheet := tmp_path / "grid.jpg")]
+    refused = CliRunner().invoke(lights.main, line)
+    assert refused.exit_code == 1 and "Add --style PHOTO" in refused.output
+    styles = [part for name in range(4) for part in ("--style", f"photo_{name}.png")]
+    CliRunner().invoke(lights.main, [*line, *styles], catch_exceptions=False)
+    wide = round(lights.LARGE_PX * WIDTH / HEIGHT)
+    assert cv2.imread(str(sheet)).shape == (2 * lights.LARGE_PX, 3 * wide, 3)
+
+
 def test_a_sheet_without_photos(folder, tmp_path):
     """A row of looks for each view; nothing in it is a photo."""
     style, sheet = tmp_path / "green.png", tmp_path / "sheet.jpg"

@@ -57,10 +57,12 @@ def test_a_grid_of_looks_with_their_photos(folder, tmp_path):
     line = [str(folder), "--grid", "-o", str(sheet := tmp_path / "grid.jpg")]
     refused = CliRunner().invoke(lights.main, line)
     assert refused.exit_code == 1 and "Add --style PHOTO" in refused.output
-    styles = [part for name in range(4) for part in ("--style", f"photo_{name}.png")]
-    CliRunner().invoke(lights.main, [*line, *styles], catch_exceptions=False)
+    CliRunner().invoke(lights.main, [*line, "--style", "neutral", "--style", "photo_0.png"], catch_exceptions=False)
     wide = round(lights.LARGE_PX * WIDTH / HEIGHT)
-    assert cv2.imread(str(sheet)).shape == (2 * lights.LARGE_PX, 3 * wide, 3)
+    assert cv2.imread(str(sheet)).shape == (lights.LARGE_PX, 2 * wide, 3)
+    live = load_run(folder)
+    looks = dict.fromkeys(("neutral", "photo_1.png", "photo_2.png", "photo_3.png"), find_look(live, "neutral"))
+    assert [len(row) for row in lights.grid_of(looks, live, live.collection.photo("photo_0.png"))] == [3, 1]
 
 
 def test_a_sheet_without_photos(folder, tmp_path):

@@ -80,7 +80,7 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         (
             "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",
             "interpolate",
-            {"folder": Path("r"), "first": "a", "last": "b", "steps": 3, "output": Path("d"), "view": "v.jpg", "ply": True, "force": True},
+            {"folder": Path("r"), "first": "a", "last": "b", "steps": 3, "output": Path("d"), "views": ("v.jpg",), "ply": True, "force": True},
         ),
         ("eval", "evaluate", {"folder": None}),
         (

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from core.looks.trained import TrainedRun
 from core.rasterizer import BLACK, Colour, Rasterizer
+from core.rasterizer.importance import largest_contributions
 from core.report import Report, Told, unheard
 from core.scene.camera import Camera
 from core.scene.splats import Splats
@@ -48,14 +49,9 @@ class Pruner:
         told: Told = unheard,
     ):
         self.cameras, self.rasterizer, self.background = cameras, rasterizer, background
-        strongest = torch.where(splats.finite_rows(), 0.0, torch.inf)
-        strongest[len(splats) - sky :] = torch.inf
-        for number, camera in enumerate(cameras, start=1):
-            torch.maximum(strongest, rasterizer.contributions(splats, camera), out=strongest)
-            if (strongest > HALF_STEP).all():  # none can go, whatever the remaining views show
-                told(len(cameras), len(cameras))
-                break
-            told(number, len(cameras))
+        always_kept = ~splats.finite_rows()
+        always_kept[len(splats) - sky :] = True
+        strongest = largest_contributions(splats, cameras, rasterizer, told, torch.where(always_kept, torch.inf, 0.0), enough=HALF_STEP)
         self.drawn = strongest > 0
         self.kept = self._kept(splats, strongest)
 

@@ -13,12 +13,20 @@ from core.scene.harmonics import SH_0
 from core.scene.splats import Splats
 
 
-def largest_contributions(splats: Splats, cameras: Collection[Camera], rasterizer: Rasterizer, told: Told = unheard) -> Float[Tensor, " n"]:
+def largest_contributions(
+    splats: Splats,
+    cameras: Collection[Camera],
+    rasterizer: Rasterizer,
+    told: Told = unheard,
+    at_least: Float[Tensor, " n"] | None = None,
+    enough: float = torch.inf,
+) -> Float[Tensor, " n"]:
     """The largest contribution alpha T of each Gaussian to any pixel of any view, in [0, 1]; it does not depend on the look.
 
-    RadSplat, section 4.2, calls it the importance score. told: called with the number of views done.
+    RadSplat, section 4.2, calls it the importance score. told: called with the number of views done. at_least: what the result is raised to, such as
+    infinity for Gaussians whose score does not matter. enough: scores up to this are exact; once all are above, the remaining views are skipped.
     """
-    return _largest(rasterizer.contributions, splats, cameras, told)
+    return _largest(rasterizer.contributions, splats, cameras, told, at_least, enough)
 
 
 def largest_shares(splats: Splats, cameras: Collection[Camera], rasterizer: Rasterizer, told: Told = unheard) -> Float[Tensor, " n"]:
@@ -27,12 +35,20 @@ def largest_shares(splats: Splats, cameras: Collection[Camera], rasterizer: Rast
 
 
 def _largest(
-    of_view: Callable[[Splats, Camera], Float[Tensor, " n"]], splats: Splats, cameras: Collection[Camera], told: Told
+    of_view: Callable[[Splats, Camera], Float[Tensor, " n"]],
+    splats: Splats,
+    cameras: Collection[Camera],
+    told: Told,
+    at_least: Float[Tensor, " n"] | None = None,
+    enough: float = torch.inf,
 ) -> Float[Tensor, " n"]:
-    """The largest number that any view has for each Gaussian, of those >= 0."""
-    largest = torch.zeros(len(splats), device=splats.means.device)
+    """The largest number that any view has for each Gaussian, of those >= 0. at_least, enough: see `largest_contributions`."""
+    largest = splats.means.new_zeros(len(splats)) if at_least is None else at_least.clone()
     for number, camera in enumerate(cameras, start=1):
         torch.maximum(largest, of_view(splats, camera), out=largest)
+        if enough < torch.inf and (largest > enough).all():
+            told(len(cameras), len(cameras))
+            break
         told(number, len(cameras))
     return largest
 

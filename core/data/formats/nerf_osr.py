@@ -44,8 +44,9 @@ def read_nerf_osr(root: Path) -> Posed:
     held_out = next((split for split in HELD_OUT if photos[split]), None)
     unused = [split for split in HELD_OUT if photos[split] and split != held_out]
     notes = [Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True) for split in unused]
-    for split in (split for split in photos if split not in unused):
-        notes += name_them(f"with a pose missing in {source / split / 'rgb'}", _without_photo(source / split / "pose", photos[split]))
+    for split, found in photos.items():
+        if split not in unused:
+            notes += name_them(f"with a pose missing in {source / split / 'rgb'}", _without_photo(source / split / "pose", found))
     roles = {TRAINING: "train", held_out: "test"} if held_out else {TRAINING: None}
     used = [(split, place) for split in roles for place in photos[split]]
     several = len({place for _, place in used}) < len(used)

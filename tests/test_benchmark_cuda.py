@@ -9,12 +9,10 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from core import rasterizer
 from core.config import Settings
-from core.scene.camera import Camera
-from core.scene.splats import Splats
 from samples import benchmark_cuda
 from samples.measurements import gpu
+from tests.gsplat_stand_in import rasterization
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
@@ -37,17 +35,6 @@ class Moment:
 
 HERE = gpu.Place(torch.device("cpu"), Moment, lambda: None)
 interpreted = pytest.mark.skipif(torch.cuda.is_available(), reason="tried with Triton's interpreter; with a GPU, run the script itself")
-
-
-def rasterization(means, quats, scales, opacities, colors, viewmats, Ks, width, height, near_plane, sh_degree, eps2d, packed):
-    """gsplat's function by our rasterizer for a CPU: what is handed over comes back as the same picture."""
-    view, lens = viewmats[0].double(), Ks[0]
-    axes = view[:3, :3]
-    focal_x, focal_y, middle_x, middle_y = (float(lens[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    camera = Camera(axes.numpy(), (-axes.T @ view[:3, 3]).numpy(), focal_x, focal_y, middle_x, middle_y, width, height)
-    sh = colors if sh_degree is not None else ((colors - 0.5) / 0.28209479177387814)[:, None]
-    splats = Splats(means, quats, torch.log(scales), torch.logit(opacities), sh)
-    return rasterizer.create("cpu").render(splats, camera)[None], None, {}
 
 
 @pytest.fixture

@@ -66,13 +66,13 @@ def measure_picture(place: Place) -> Iterable[Line]:
 
     def theirs() -> None:
         leaves = scene.map(lambda tensor: tensor.detach().requires_grad_())
-        image = peer.picture(other, leaves, camera)
+        image, _ = peer.picture(other, leaves, camera)
         image.backward(torch.ones_like(image))
 
     medians = in_turns(place, {"ours": lambda: draw(backend, scene, camera), "theirs": theirs}, TIMES)
     yield Line(what, "1.5x faster than gsplat", against(medians["ours"], medians["theirs"]))
     with torch.no_grad():
-        difference = (backend.render(scene, camera) - peer.picture(other, scene, camera)).abs()
+        difference = (backend.render(scene, camera) - peer.picture(other, scene, camera)[0]).abs()
     beyond = (difference > PICTURES_ALIKE).any(dim=2)  # where an alpha stands at its threshold: gsplat rounds by fast-math
     found = f"mean {float(difference.mean()):.1e}; {int(beyond.sum())} of {beyond.numel():,} pixels beyond, by {float(difference.max()):.1e} at most"
     yield Line("picture against gsplat's, constants equal", f"within {PICTURES_ALIKE:.0e}", found)

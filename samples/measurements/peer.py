@@ -30,19 +30,19 @@ def with_equal_constants(splats: Splats) -> Splats:
     return Splats(**splats.tensors() | {"logit_opacities": splats.logit_opacities.clamp(max=most)})
 
 
-def picture(peer: ModuleType, splats: Splats, camera: Camera, colours: Tensor | None = None) -> Tensor:
-    """The picture (height, width, 3) by gsplat. colours: (N, 3), instead of the harmonics."""
+def picture(peer: ModuleType, splats: Splats, camera: Camera, colours: Tensor | None = None) -> tuple[Tensor, dict]:
+    """The picture (height, width, 3) by gsplat, and what its density control needs to know. colours: (N, 3), instead of the harmonics."""
     rotation, centre = torch.tensor(camera.world_to_camera), torch.tensor(camera.centre)
     view = torch.eye(4, dtype=torch.float64)
     view[:3, :3], view[:3, 3] = rotation, -rotation @ centre
     lens = torch.tensor([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    image, _, _ = peer.rasterization(
+    image, _, info = peer.rasterization(
         means=splats.means, quats=splats.quaternions, scales=torch.exp(splats.log_scales),
         opacities=torch.sigmoid(splats.logit_opacities), colors=splats.sh if colours is None else colours,
         sh_degree=splats.degree if colours is None else None, viewmats=view[None].to(splats.means), Ks=lens[None].to(splats.means),
         width=camera.width, height=camera.height, near_plane=NEAR, eps2d=BLUR_PX2, packed=False,
     )  # fmt: skip
-    return image[0]
+    return image[0], info
 
 
 class PeerTrainer:
@@ -64,7 +64,7 @@ class PeerTrainer:
         directions = nn.functional.normalize(self.splats.means.detach() - centre, dim=1)
         given = self.embeddings[photo].expand(len(self.splats), -1), self.features, basis(directions, MAX_DEGREE)
         colours = torch.sigmoid(self.network(torch.cat(given, dim=1)) + SH_0 * self.splats.sh[:, 0])
-        image = picture(self.peer, self.splats, camera, colours)
+        image, _ = picture(self.peer, self.splats, camera, colours)
         photometric(image, target, None, 0.2).backward()
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)

@@ -209,7 +209,7 @@ class Settings:
         for name in values:
             if name not in FIELDS:
                 raise no_setting(name)
-        typed = {name: UNDECIDED if FIELDS[name].metadata["auto"] and value == AUTO else value for name, value in values.items()}
+        typed: dict[str, Any] = {name: UNDECIDED if FIELDS[name].metadata["auto"] and value == AUTO else value for name, value in values.items()}
         return replace(self, **typed)
 
     def decided(self, **answers: Any) -> "Settings":
@@ -217,17 +217,32 @@ class Settings:
 
         Once the appearance is known, so are the schedules that follow from it.
         """
-        settings = replace(self, **{name: answers[name] for name in self.undecided if name in answers})
+        settings = self.changed(**{name: answers[name] for name in self.undecided if name in answers})
         if settings.appearance == AUTO:
             return settings
-        follows = dict(WITHOUT_LOOKS if settings.appearance == "off" else WITH_LOOKS)
+        follows = dict(WITH_LOOKS if settings.has_looks else WITHOUT_LOOKS)
         follows["densify_from"] = min(follows["densify_from"], settings.densify_until)
-        return replace(settings, **{name: follows[name] for name in settings.undecided if name in follows})
+        return settings.changed(**{name: follows[name] for name in settings.undecided if name in follows})
 
     @property
     def undecided(self) -> tuple[str, ...]:
         """The settings that the data have yet to decide."""
         return tuple(name for name in DECIDABLE if getattr(self, name) in (AUTO, UNDECIDED))
+
+    @property
+    def has_looks(self) -> bool:
+        """Whether photos differ in their looks; this and what follows is known once it is decided."""
+        return self.appearance != "off"
+
+    @property
+    def encodes_photos(self) -> bool:
+        """Whether a look is what the encoder reads from a photo."""
+        return self.has_looks and self.embedding == "encoder"
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether masks of passers-by are learned."""
+        return self.transients == "on"
 
     def to_json(self) -> dict:
         """The settings by name, which `changed` takes again."""

@@ -8,7 +8,7 @@ from core.errors import BadSetting
 
 AUTO = "auto"  # decided before training: config.DECIDABLE by core.training.decisions, others where they are used
 UNDECIDED = -1  # the same, for a setting that is a number
-KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}
+KINDS: dict[Any, str] = {int: "a whole number", float: "a finite number", bool: "true or false", str: "a word"}
 
 
 def setting(
@@ -46,8 +46,9 @@ def wrong_kind(item: Field, text: str) -> BadSetting:
 def checked(item: Field, value: Any) -> Any:
     """`value`, as a float where the Settings field `item` is one: whole numbers are taken for it. BadSetting for another type or beyond its range."""
     rules = item.metadata
-    good = isinstance(value, item.type) and not (item.type is int and isinstance(value, bool))
-    if item.type is float:
+    kind: Any = item.type  # a class: Settings does not postpone its annotations
+    good = isinstance(value, kind) and not (kind is int and isinstance(value, bool))
+    if kind is float:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     if not good:
         raise wrong_kind(item, repr(value))
@@ -60,5 +61,5 @@ def checked(item: Field, value: Any) -> Any:
     elif rules["high"] is not None and value > rules["high"]:
         fault = "too large"
     else:
-        return item.type(value)
+        return kind(value)
     raise BadSetting(f"{item.name}={value!r} is {fault}.", accepted(item))

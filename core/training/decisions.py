@@ -68,7 +68,7 @@ def decide(settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto])
 
 def judge_appearance(evidence: Evidence) -> Judgement:
     """off, exposure or full."""
-    if evidence.colour_spread is None:
+    if evidence.colour_spread is None or evidence.spread_beyond_exposure is None:
         return "full", None, f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out"
     steps = f"a point's colour differs by {evidence.colour_spread:.1f} of 255 between photos"
     if evidence.colour_spread < LEAST_COLOUR_SPREAD:

@@ -88,13 +88,14 @@ class DensityControl:
 
     def _masks_can_be_trusted(self, done: int, mask_mean: float) -> bool:
         """Whether masks already hide anything, and if so passers-by rather than the place itself."""
-        hide = self.settings.transients == "on" and done >= self.settings.mask_apply * self.settings.steps
+        hide = self.settings.has_masks and done >= self.settings.mask_apply * self.settings.steps
         return hide and mask_mean >= mask_weights.LEAST_STATIC and len(self.photos) >= decisions.FEWEST_FOR_MASKS
 
     @torch.no_grad()
     def _masked_photos(self, tell: Told) -> Iterator[tuple[Camera, Tensor]]:
         for index, sized in enumerate(self.photos):
-            yield sized.camera, self.model.read(sized.encoder_input, index).mask
+            if (mask := self.model.read(sized.encoder_input, index).mask) is not None:
+                yield sized.camera, mask
             tell(index + 1, len(self.photos))
 
     def _told(self, done: int, what: str) -> Told:

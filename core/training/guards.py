@@ -39,24 +39,24 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], largest: Fl
 
 
 class StepFacts(NamedTuple):
-    """The outcome of a step: scalar tensors on the device that computes it and, once they are read back, numbers.
+    """The outcome of a step, as numbers that were read back from the device that computed it.
 
     loss: what the step minimised. residual_size: mean absolute residual of the SH. shown_share: mean of the photo's mask, 0 without one. sound:
     whether the losses are valid. taken: whether the gradients of the Gaussians, the embedding and the SH transfer are finite as well; then the
     Gaussians are updated. learned: whether those of all other weights are finite as well; then the networks are updated.
     """
 
-    loss: Tensor | float
-    picture_loss: Tensor | float
-    residual_size: Tensor | float
-    shown_share: Tensor | float
-    sound: Tensor | float
-    taken: Tensor | float
-    learned: Tensor | float
+    loss: float
+    picture_loss: float
+    residual_size: float
+    shown_share: float
+    sound: float
+    taken: float
+    learned: float
 
 
 def fault(facts: StepFacts, usual: float) -> str | None:
-    """What was wrong with a step, in words that follow "its"; None if it was valid. facts: as numbers."""
+    """What was wrong with a step, in words that follow "its"; None if it was valid."""
     if not facts.sound and not math.isfinite(facts.loss):
         return "loss was not finite"
     if not facts.sound:

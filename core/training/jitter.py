@@ -14,7 +14,7 @@ from core.training.losses.photometric import Target
 
 def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "3"] | None:
     """A random gain per channel, or None where looks are not learned from photos."""
-    if not settings.exposure_jitter or settings.appearance == "off" or settings.embedding == "glo":
+    if not (settings.exposure_jitter and settings.encodes_photos):
         return None
     draw = torch.randn(4, generator=generator)
     return torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)

@@ -68,6 +68,7 @@ def update(optimizer: torch.optim.Adam | None, rates: Iterable[float | Tensor], 
     for group, rate in zip(optimizer.param_groups, rates, strict=True):
         group["lr"] = rate
     if learned.device.type != "cpu":
-        optimizer.found_inf = (~learned).float()  # as torch's GradScaler leaves the choice to the GPU
+        # As torch's GradScaler leaves the choice to the GPU.
+        optimizer.found_inf = (~learned).float()  # type: ignore[attr-defined]
     optimizer.step()
     return learned

@@ -87,7 +87,7 @@ def _matches(count: int, photos: Sequence[SizedPhoto]) -> tuple[np.ndarray, np.n
     counts = np.zeros(count, dtype=np.int64)
     for sized in photos:
         counts[sized.photo.points] += 1
-    chosen = np.array(spread_over(np.flatnonzero(counts >= FEWEST_PHOTOS), MOST_POINTS), dtype=np.int64)
+    chosen = np.array(spread_over(np.flatnonzero(counts >= FEWEST_PHOTOS).tolist(), MOST_POINTS), dtype=np.int64)
     row_of = np.full(count, -1)
     row_of[chosen] = np.arange(len(chosen))
     matched = np.zeros((len(chosen), len(photos)), dtype=bool)

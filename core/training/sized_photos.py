@@ -141,7 +141,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
     def __len__(self) -> int:
         return len(self.photos)
 
-    def __getitem__(self, index: int) -> SizedPhoto:
+    def __getitem__(self, index: int) -> SizedPhoto:  # type: ignore[override]  # nobody slices it
         return self.photos[index]
 
     @property
@@ -212,7 +212,7 @@ def _usable(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], report
 
 def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decoders: int) -> list[SizedPhoto | BadInput]:
     """What `load` returns or raises for each photo, in their order. decoders: threads at most."""
-    found: list[SizedPhoto | BadInput | None] = [None] * len(photos)
+    found: dict[int, SizedPhoto | BadInput] = {}
 
     def decode(index: int, _: int) -> None:
         try:
@@ -221,7 +221,7 @@ def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decod
             found[index] = problem
 
     in_parallel(decode, len(photos), 1, most=decoders)
-    return found
+    return [found[index] for index in range(len(photos))]
 
 
 def _shrunk(camera: Camera, factor: int) -> tuple[int, int]:

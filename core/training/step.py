@@ -58,7 +58,7 @@ class StepInputs:
     @property
     def tensors(self) -> list[Tensor]:
         """All tensors in it, in the order of the fields."""
-        found = []
+        found: list[Tensor] = []
         for part in vars(self).values():
             if isinstance(part, Target):
                 found += part.tensors
@@ -112,7 +112,7 @@ class Stepper:
         settings, generator, progress = self.settings, self.generator, done / self.settings.steps
         camera, target = self.photos.target(index, schedule.shrink_factor(settings, progress))
         gain, view, rates = draw_gain(settings, generator), view_of(camera), learning_rates(settings, progress)
-        network_rates = network_updates.rates_at(self.optimizer, progress)
+        network_rates: list[float] | list[Tensor] = network_updates.rates_at(self.optimizer, progress)
         gauge_rows = self.objective.draw_gauge_rows(gaussians, generator)
         background = background_of_step(transparent_is_empty(settings), generator)
 
@@ -201,11 +201,12 @@ class Stepper:
             taken = sound & guards.finite((tensor.grad for tensor in reached), sound.device)
             if not guards.known_invalid(taken):
                 half_size = inputs.view[WIDTH:].float() / 2  # of the picture
+                assert probe.grad is not None  # every rasterizer gives it one
                 densify.gather(gaussians, visible.rows, probe.grad, half_size, taken)
                 gaussians.step(visible.rows, leaves, inputs.rates, taken)
             learned = network_updates.update(self.optimizer, inputs.network_rates, taken)
 
         reading = reading.detached()  # frees autograd's graph
         shown_share = objective.zero if reading.mask is None else reading.mask.mean()
-        facts = StepFacts(loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned)
+        facts = loss, picture_loss.detach(), residual_size, shown_share, sound, taken, learned
         return reading, torch.stack([fact.double() for fact in (*facts, *needed)])

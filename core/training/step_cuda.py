@@ -15,7 +15,7 @@ from torch import Tensor
 
 from core.appearance.model import Reading
 from core.errors import as_out_of_memory
-from core.rasterizer.cuda.backend import BYTES_PER_PAIR, Room, memory_budget
+from core.rasterizer.cuda.backend import BYTES_PER_PAIR, CudaRasterizer, Room, memory_budget
 from core.system.cuda_graph import Recorder, Recording, can_record
 from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
@@ -24,6 +24,7 @@ from core.training.losses.canvas import TargetOnCanvas
 from core.training.moment import Moment
 from core.training.step import InView, Result, StepInputs, Stepper
 
+NO_ROOM = Room(0, 0)  # none was made for the present Gaussians
 MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # times what one photo shows there is room for: others show more
 
 
@@ -36,15 +37,16 @@ class StepperOnGpu(Stepper):
     later steps are copied.
     """
 
+    rasterizer: CudaRasterizer
     situation: tuple = ()
-    room: Room | None = None
+    room: Room = NO_ROOM
     ran: set[bool] = field(default_factory=set)
     recordings: dict[bool, tuple[Recording[tuple[Reading, Tensor]], StepInputs]] = field(default_factory=dict)
     recorder: Recorder | None = None
     records: bool = True  # False once the GPU's memory did not suffice for a recording, or beside one
 
     def forget(self) -> None:
-        self.room = None
+        self.room = NO_ROOM
         self._drop_recordings()
 
     def _drop_recordings(self) -> None:
@@ -67,7 +69,7 @@ class StepperOnGpu(Stepper):
         if situation != self.situation:
             self.situation = situation
             self._drop_recordings()
-        if self.room is None:
+        if self.room == NO_ROOM:
             visible = self.rasterizer.visible(gaussians.splats, moment.camera)
             self._make_room(gaussians, len(visible.rows), visible.known.pairs)
         has_transient_loss = self.objective.has_transient_loss(moment)
@@ -75,9 +77,9 @@ class StepperOnGpu(Stepper):
             reading, facts = self._replay_or_run(has_transient_loss, gaussians, inputs, moment)
             self.ran.add(has_transient_loss)
             meanwhile()
-            *facts, shown, pairs = facts.cpu().tolist()
+            *numbers, shown, pairs = facts.cpu().tolist()
             if shown <= self.room.gaussians and pairs <= self.room.pairs:
-                return reading, StepFacts(*facts)
+                return reading, StepFacts(*numbers)
             self._make_room(gaussians, shown, pairs)
 
     def _situation(self, inputs: StepInputs, moment: Moment) -> tuple:
@@ -92,7 +94,8 @@ class StepperOnGpu(Stepper):
 
     def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> InView:
         """As many of the Gaussians that the camera shows as there is room for; needed: how many Gaussians and pairs it shows in all."""
-        visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, inputs.target.planes.shape[1:], self.room)
+        _, height, width = inputs.target.planes.shape
+        visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, (height, width), self.room)
         shown, pairs = needed.unbind()
         return InView(visible, shown, (shown <= self.room.gaussians) & (pairs <= self.room.pairs), (shown, pairs))
 
@@ -104,29 +107,34 @@ class StepperOnGpu(Stepper):
         nor where photos share no canvas.
         """
         tables = self.model.embedding_table is not None or self.settings.mask == "mlp"
-        return self.recorder is not None and self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
+        return self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
 
     def _replay_or_run(self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
         """Take the step. A recording keeps the memory that it works in: where too little is left beside, this step and all later ones are run."""
-        replays = has_transient_loss in self.ran and self._can_be_replayed(inputs)
+        recorder = self.recorder if has_transient_loss in self.ran and self._can_be_replayed(inputs) else None
         try:
-            return self._replay(has_transient_loss, gaussians, inputs, moment) if replays else self._learn(gaussians, inputs, moment)
+            if recorder is None:
+                return self._learn(gaussians, inputs, moment)
+            return self._replay(recorder, has_transient_loss, gaussians, inputs, moment)
         except RuntimeError as problem:  # torch's own for it, or CUDA's
-            if as_out_of_memory(problem) is None or not (replays or self.recordings):
+            if as_out_of_memory(problem) is None or (recorder is None and not self.recordings):
                 raise
         # Not above: until its handler ends, the exception keeps all that the failed attempt made.
         self.records = False
         self._drop_recordings()
         return self._learn(gaussians, inputs, moment)
 
-    def _replay(self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+    def _replay(
+        self, recorder: Recorder, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment
+    ) -> tuple[Reading, Tensor]:
         if has_transient_loss not in self.recordings:
             own = deepcopy(inputs)
-            self.recordings[has_transient_loss] = self.recorder.record(lambda: self._learn(gaussians, own, moment)), own
+            self.recordings[has_transient_loss] = recorder.record(lambda: self._learn(gaussians, own, moment)), own
         recording, own = self.recordings[has_transient_loss]
         copies: dict[torch.dtype, list[tuple[Tensor, Tensor]]] = {}
         for pair in zip(own.tensors, inputs.tensors, strict=True):
             copies.setdefault(pair[0].dtype, []).append(pair)
         for pairs in copies.values():  # one launch for each type
-            torch._foreach_copy_(*map(list, zip(*pairs)))
+            targets, sources = zip(*pairs)
+            torch._foreach_copy_(targets, sources)
         return recording.replay()

@@ -41,7 +41,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")
     looks = {"off": "one look", "exposure": "an affine colour map per look", "full": "looks (SH transfer)"}
     parts = [looks[settings.appearance]]
-    if settings.transients == "on":
+    if settings.has_masks:
         parts.append("masks of passers-by")
     if settings.sky == "dome":
         parts.append("a sky dome")
@@ -59,9 +59,9 @@ def tell_step(step: StepReport, settings: Settings, report: Report) -> None:
 
 def next_step(folder: Path, settings: Settings, neutral: Path) -> str:
     """What to type, or to do, once a run is trained. neutral: its neutral look."""
-    if settings.appearance == "off":
+    if not settings.has_looks:
         return f"open {neutral} in a 3DGS viewer   (all looks of this run are one)"
-    which = [] if run_folders.is_default(folder) else ["--run", folder]
+    which: list[str | Path] = [] if run_folders.is_default(folder) else ["--run", folder]
     advice = command("wegs", "bake", *which, "--appearance", "PHOTO", "-o", "look.ply")
-    photos = "the name of a training photo" if settings.embedding == "glo" else "any photo"
+    photos = "any photo" if settings.encodes_photos else "the name of a training photo"
     return f"{advice}   ({photos}; then open look.ply in a 3DGS viewer)"

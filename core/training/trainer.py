@@ -129,7 +129,7 @@ class Trainer:
             return Stepper(*given)
         from core.training.step_cuda import StepperOnGpu  # Triton, which a machine without a GPU need not have
 
-        return StepperOnGpu(*given)
+        return StepperOnGpu(*given)  # type: ignore[arg-type]  # its rasterizer is the CUDA one
 
     # --- the loop
 
@@ -144,8 +144,8 @@ class Trainer:
             told = (*report.messages, *self.change_gaussians())
             self.seconds += time.perf_counter() - start
             psnr, ssim = self.held_out_quality() if self.done in checks else (None, None)
-            now = {"seconds": self.seconds, "gaussians": self.gaussians.solid, "held_out_psnr": psnr, "held_out_ssim": ssim}
-            report = dataclasses.replace(report, **now, messages=told)
+            now, count = self.seconds, self.gaussians.solid
+            report = dataclasses.replace(report, seconds=now, gaussians=count, held_out_psnr=psnr, held_out_ssim=ssim, messages=told)
             if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
                 history.add_row(self.folder, COLUMNS, vars(report))
             if self.done in saves:

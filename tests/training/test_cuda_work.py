@@ -149,7 +149,7 @@ def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer):
     assert Again.recorded == 1 and losses == pytest.approx(losses_on_cpu, abs=2e-5)
     trainer.density.prune_at = {trainer.done}
     trainer.change_gaussians()
-    assert trainer.stepper.room is None and not trainer.stepper.recordings
+    assert trainer.stepper.room.gaussians == 0 and not trainer.stepper.recordings
 
 
 @pytest.mark.parametrize("changes", [{"embedding": "glo", "exposure_jitter": 0.0}, {"mask": "mlp"}], ids=["glo", "mlp"], indirect=True)

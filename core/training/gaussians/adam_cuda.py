@@ -63,15 +63,15 @@ def update(
 
 def step(gaussians: Gaussians, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor) -> None:
     """As `Gaussians.step`, all on one GPU."""
-    names = [name for name, leaf in leaves.items() if name in rates and leaf.grad is not None]
-    if not (len(rows) and names):
+    gradients = {name: leaf.grad.contiguous() for name, leaf in leaves.items() if name in rates and leaf.grad is not None}
+    if not (len(rows) and gradients):
         return  # a view of nothing
-    parameters = [tuple(tensors[name] for name in names) for tensors in (gaussians.parameters, gaussians.first, gaussians.second)]
-    columns = tuple(len(rates[name]) for name in names)
+    parameters = [tuple(tensors[name] for name in gradients) for tensors in (gaussians.parameters, gaussians.first, gaussians.second)]
+    columns = tuple(len(rates[name]) for name in gradients)
     update[blocks(len(rows), ROWS)](
-        *parameters, tuple(leaves[name].grad.contiguous() for name in names), torch.cat([rates[name] for name in names]),
+        *parameters, tuple(gradients.values()), torch.cat([rates[name] for name in gradients]),
         gaussians.counts, _corrections(rows.device), rows, taken, len(rows), gaussians.solid,
-        COLUMNS=columns, FREE=tuple(map(free_columns, names, columns)), ROWS=ROWS, BLOCK=BLOCK, num_warps=WARPS, **FUSED,
+        COLUMNS=columns, FREE=tuple(map(free_columns, gradients, columns)), ROWS=ROWS, BLOCK=BLOCK, num_warps=WARPS, **FUSED,
     )  # fmt: skip
 
 

@@ -9,7 +9,10 @@ def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
 
     Left out are roots that are None, that require no gradient, and that are not scalars but come without a gradient.
     """
-    found = [root for root in roots if root[0] is not None and root[0].requires_grad]
-    found = [root for root in found if root[1] is not None or not root[0].dim()]
-    if found:
-        torch.autograd.backward(*zip(*found))
+    tensors, gradients = [], []
+    for root, gradient in roots:
+        if root is not None and root.requires_grad and (gradient is not None or not root.dim()):
+            tensors.append(root)
+            gradients.append(gradient)
+    if tensors:
+        torch.autograd.backward(tensors, gradients)

@@ -21,6 +21,8 @@ class TargetOnCanvas(Target):
     `tensors`, so that another photo's can be copied into them (core.training.step_cuda).
     """
 
+    valid_pixels: Tensor
+
     def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None, size: tuple[int, int], cells: tuple[int, int]):
         height, width = picture.shape[:2]
         beyond = 0, size[1] - width, 0, size[0] - height

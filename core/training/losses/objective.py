@@ -61,16 +61,17 @@ class Objective:
 
     def gauge(self, gaussians: Gaussians, rows: Int[Tensor, " 1024"] | None, neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
         """The gauge of these rows, after its backward pass, which can run at once as it reaches only the networks."""
-        if rows is None:
+        transfer = self.model.sh_transfer
+        if rows is None or transfer is None:
             return self.zero
-        loss = self.settings.gauge * gauge(self.model.sh_transfer, gaussians, rows, neutral)
+        loss = self.settings.gauge * gauge(transfer, gaussians, rows, neutral)
         backward((loss, None))
         return loss.detach()
 
     def has_transient_loss(self, moment: Moment) -> bool:
         """Whether this step has L_regTS."""
         settings = self.settings
-        return settings.transients == "on" and moment.progress >= settings.mask_apply and moment.done % TRANSIENT_EVERY == 0
+        return settings.has_masks and moment.progress >= settings.mask_apply and moment.done % TRANSIENT_EVERY == 0
 
     def transient(
         self, splats: Splats, view: Float[Tensor, "25"], known: Any, mask: Float[Tensor, "1 h w"] | None, moment: Moment

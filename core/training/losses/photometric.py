@@ -91,7 +91,7 @@ class Target:
             plane = planes_of(empty[..., None], self.valid)
             padded = F.pad(plane, (0, 0, RADIUS, RADIUS))
             self.empty_share = EmptyShare(padded, blur(plane), blur(plane**2), blur(plane * self.planes))
-        self.valid_pixels = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
+        self.valid_pixels: int | Tensor = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
 

@@ -19,14 +19,14 @@ def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos, repor
     """`masks/NAME.png` in the run folder for every photo that has a mask, at its training size: white is used, black is hidden, by the network or
     by the mask that the user gave. Returns how many."""
     paths = png_paths(sized.photo.name for sized in photos)
-    learns_masks = model.settings.transients == "on"
+    learns_masks = model.settings.has_masks
     masked = [(index, sized) for index, sized in enumerate(photos) if learns_masks or sized.photo.mask]
     for number, (index, sized) in enumerate(masked, 1):
         width, height = sized.camera.width, sized.camera.height
-        shown = np.ones((height, width), np.float32)
-        if learns_masks:
-            with torch.no_grad():
-                mask = model.read(sized.encoder_input, index).mask
+        shown: np.ndarray = np.ones((height, width), np.float32)
+        with torch.no_grad():
+            mask = model.read(sized.encoder_input, index).mask if learns_masks else None
+        if mask is not None:
             shown = cv2.resize(mask[0].cpu().numpy(), (width, height))
         if sized.photo.mask is not None and sized.valid is not None:
             shown = shown * sized.valid

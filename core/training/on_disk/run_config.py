@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
 
     The settings are those that came of the decisions, which are written for the reader: a run is never decided again.
     """
-    facts = {
+    facts: dict[str, Any] = {
         "scene": {"name": collection.name, "path": str(collection.read_from.resolve()), "kind": collection.kind},
         "frame": collection.frame.to_json(),
         "settings": settings.to_json(),
@@ -44,7 +45,7 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     made_of = [core.__version__, facts, sizes]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
     facts["scene"]["from_run"] = way_to(collection.read_from, folder)
-    size_of = dict(zip(files, sizes, strict=True))
+    size_of: dict[Path | None, int] = dict(zip(files, sizes, strict=True))
     for photo, values in zip(collection.photos, facts["photos"], strict=True):
         of_photo = _files_of(photo)
         values |= {"bytes": size_of.get(of_photo["path"]), "mask_bytes": size_of.get(of_photo["mask"])}
@@ -98,7 +99,9 @@ def changed_files(collection: Collection) -> list[str]:
     Missing ones do not count. collection: as `read_config` gives it."""
 
     def is_another(file: Photo | GivenMask | None) -> bool:
-        return bool(file and file.bytes and is_file(file.path)) and file.path.stat().st_size != file.bytes
+        if file is None or not file.bytes or not is_file(file.path):
+            return False
+        return file.path.stat().st_size != file.bytes
 
     return [photo.name for photo in collection.photos if is_another(photo) or is_another(photo.mask)]
 
@@ -114,12 +117,12 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
     camera = asdict(photo.camera)
     camera |= {name: np.asarray(camera[name]).tolist() for name in ("world_to_camera", "centre")}
     files = _files_of(photo)
-    ways = {key: path and path_from(home, path) for key, path in files.items()}
-    outside = [key for key, way in ways.items() if way and ".." in Path(way).parts]
+    ways = {key: None if path is None else path_from(home, path) for key, path in files.items()}
+    outside = {key: path for key, path in files.items() if path is not None and ".." in Path(ways[key] or "").parts}
     return {
         "name": photo.name,
         **ways,
-        **{f"whole_{key}": str(files[key].resolve()) for key in outside},  # in case the scene alone is moved
+        **{f"whole_{key}": str(path.resolve()) for key, path in outside.items()},  # in case the scene alone is moved
         "split": photo.split,
         "camera": camera,
         "lens": photo.lens and asdict(photo.lens),
@@ -129,27 +132,24 @@ def _photo_to_json(photo: Photo, home: Path) -> dict:
 
 def _files_of(photo: Photo) -> dict[str, Path | None]:
     """The photo and its mask, by their keys."""
-    return {"path": photo.path, "mask": photo.mask and photo.mask.path}
+    return {"path": photo.path, "mask": None if photo.mask is None else photo.mask.path}
 
 
 def _photo_from_json(values: dict, home: Path) -> Photo:
     if not (isinstance(values["name"], str) and isinstance(values["path"], str) and values["split"] in SPLITS):
         raise ValueError(f"a photo called {values['name']!r} in {values['path']!r}, of the split {values['split']!r}")
 
-    def file(key: str) -> Path | None:
-        if values[key] is None:
-            return None
+    def file(key: str) -> Path:
         together, apart = home / values[key], values.get(f"whole_{key}")  # a whole path stays as it is
         return Path(apart) if apart and not together.is_file() and Path(apart).is_file() else together
 
-    mask = file("mask")
     return Photo(
         name=values["name"],
         path=file("path"),
         camera=_camera_from_json(values),
         split=values["split"],
         lens=_lens_from_json(values, "lens"),
-        mask=mask and GivenMask(mask, _lens_from_json(values, "mask_lens"), values.get("mask_bytes")),
+        mask=None if values["mask"] is None else GivenMask(file("mask"), _lens_from_json(values, "mask_lens"), values.get("mask_bytes")),
         bytes=values.get("bytes"),
     )
 
@@ -157,10 +157,10 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
 def _camera_from_json(photo: dict) -> Camera:
     shapes = {"world_to_camera": (3, 3), "centre": (3,)}
     values = photo["camera"] | {name: np.asarray(photo["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
-    sides, lens = ([values[name] for name in names] for names in (("width", "height"), ("fx", "fy", "cx", "cy")))
-    are_numbers = all(type(side) is int for side in sides) and all(type(value) in (int, float) for value in lens)
-    if not (are_numbers and can_be_drawn(*sides, lens)):
-        raise ValueError(f"{photo['name']} as a picture of {sides} px by a camera of {lens} px")
+    width, height, lens = values["width"], values["height"], [values[name] for name in ("fx", "fy", "cx", "cy")]
+    are_numbers = type(width) is type(height) is int and all(type(value) in (int, float) for value in lens)
+    if not (are_numbers and can_be_drawn(width, height, lens)):
+        raise ValueError(f"{photo['name']} as a picture of {width}x{height} px by a camera of {lens} px")
     rotation, centre = values["world_to_camera"], values["centre"]
     is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < CROOKED and np.linalg.det(rotation) > 0
     if not (is_rotation and (np.abs(centre) < LARGEST_PX).all()):

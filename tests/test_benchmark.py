@@ -37,7 +37,7 @@ def test_each_lap_times_the_part_it_is_named_after(monkeypatch, appearance, tran
     torch.set_num_threads(1)
     settings = Settings(resolution=1, max_gaussians=600, appearance=appearance, transients=transients, sh_degree=1, device="cpu")
     trainer = Trainer(plaza(SCALE, STEP_SIZE_PX), settings, Path())
-    trainer.done = round(steps.PROGRESS * trainer.settings.steps)
+    trainer.state.done = round(steps.PROGRESS * trainer.settings.steps)
     stopwatch, happened = Stopwatch(), []
     stopwatch.lap = happened.append
     steps.watch_step(trainer, stopwatch)

@@ -64,7 +64,7 @@ def _progress(trained: TrainedRun) -> list[Finding]:
         advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
         if steps == wanted:
             meaning += "; the results were not written"
-    skipped = trained.trainer["skipped"]
+    skipped = trained.state.skipped
     slower = "Lower the learning rates, or look for bad photos with `wegs doctor SCENE`."
     return [
         Finding("steps", f"{steps:,} of {wanted:,} in {trained.seconds:.0f} s", meaning, advice),
@@ -128,7 +128,7 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
     if added.looks:
         findings += added.findings()
     if masks:
-        findings.append(_masks(masks, trained.trainer["collapse_told"]))
+        findings.append(_masks(masks, trained.state.collapse_told))
     return findings
 
 

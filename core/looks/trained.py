@@ -25,6 +25,7 @@ from core.system import device
 from core.training.background import background_of_figures
 from core.training.gaussians.gaussians import Gaussians
 from core.training.on_disk import checkpoint, run_config
+from core.training.run_state import RunState
 from core.training.sized_photos import SizedPhoto, Sizes, load_sized_photo
 from core.training.transparency import transparent_is_empty
 
@@ -36,7 +37,7 @@ class TrainedRun:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one row a Gaussian, if the run has any.
-    trainer: what the trainer noted at the checkpoint, such as its seconds and skipped steps. photo_embeddings: (k, e), row i for
+    state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for
     `model.photo_names[i]`, from the GLO table or from the encoder as it was at the end of training; None while the encoder's training is
     unfinished, and without looks. A TrainedRun is a Subject of core.evaluation.
     """
@@ -46,7 +47,7 @@ class TrainedRun:
     settings: Settings
     collection: Collection
     step: int
-    trainer: dict
+    state: RunState
     splats: Splats
     sky: int
     latents: Float[Tensor, "n l"] | None
@@ -56,7 +57,7 @@ class TrainedRun:
     @property
     def seconds(self) -> float:
         """Spent on training."""
-        return self.trainer["seconds"]
+        return self.state.seconds
 
     def sized_photo(self, photo: Photo) -> SizedPhoto:
         """A photo of the collection at its training size, with its camera and the encoder's input.
@@ -170,11 +171,11 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
         if encoded:
             model.meet_as_finished(encoded["masked"], encoded["unmasked"])
-        step, trainer = saved.facts["step"], saved.facts["trainer"]
+        step, state = saved.facts["step"], RunState(**saved.facts["trainer"])
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
     photo_embeddings = encoded.get("masked") if model.embedding_table is None else model.embedding_table
-    return TrainedRun(folder, identity, settings, collection, step, trainer, splats, gaussians.sky, gaussians.latents, model, photo_embeddings)
+    return TrainedRun(folder, identity, settings, collection, step, state, splats, gaussians.sky, gaussians.latents, model, photo_embeddings)
 
 
 def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:

@@ -142,7 +142,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [
         ("run", str(folder)),
-        ("steps", f"{trained.step:,} in {trainer.seconds:.0f} s"),
+        ("steps", f"{trained.step:,} in {trainer.state.seconds:.0f} s"),
         ("Gaussians", f"{len(trained.splats):,} (sky {trainer.gaussians.sky:,})"),
         ("neutral look", f"{neutral} ({neutral.stat().st_size / 1e6:.1f} MB)"),
     ]

@@ -31,4 +31,4 @@ def saved_if_room_runs_out(trainer: Trainer) -> Iterator[None]:
 
 
 def _kept(trainer: Trainer, path: Path) -> str:
-    return f"Saved at step {trainer.done}, with {counted(len(trainer.gaussians), 'Gaussian')}: {path}."
+    return f"Saved at step {trainer.state.done}, with {counted(len(trainer.gaussians), 'Gaussian')}: {path}."

@@ -26,6 +26,7 @@ from core.training.gaussians.initialisation import initial_gaussians
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
 from core.training.on_disk import checkpoint, history, run_folders
+from core.training.run_state import RunState
 from core.training.sized_photos import SizedPhotos, Sizes
 from core.training.step import PreparedStep, Stepper
 from core.training.transparency import transparent_is_empty, transparent_may_be_empty
@@ -33,8 +34,6 @@ from core.training.transparency import transparent_is_empty, transparent_may_be_
 SKIPS_TO_STOP = 10  # invalid steps in a row after which training stops
 HELD_OUT_PHOTOS = 4  # photos in a check of held-out quality
 MASK_MEAN_RATE = 0.05  # weight of one photo's mask in the running mean of all masks
-# The trainer's own attributes that a checkpoint holds, beside Gaussians, model, optimizer and random generator.
-CHECKPOINTED = ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told")
 
 
 @dataclass(frozen=True)
@@ -106,15 +105,8 @@ class Trainer:
         self.stepper = self._stepper()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.density = DensityControl(settings, collection.points, self.photos, self.model, self.rasterizer, self.generator, report)
-        self.done = 0
-        self.seconds = 0.0
-        self.order: list[int] = []
+        self.state = RunState.at_start(len(self.photos))
         self.ahead: Draw | None = None  # the next step, if it was prepared while a GPU computed the last one
-        self.mask_mean = 1.0
-        self.last_losses: list[float | None] = [None] * len(self.photos)
-        self.skipped = 0
-        self.skipped_in_a_row = 0
-        self.collapse_told = False
 
     @classmethod
     def of_new_run(cls, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET) -> "Trainer":
@@ -135,20 +127,20 @@ class Trainer:
 
     def train(self) -> Iterator[StepReport]:
         """Take all remaining steps, yielding a report after each; checkpoints and history.csv are written on the way."""
-        settings = self.settings
+        settings, state = self.settings, self.state
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
-        while self.done < settings.steps:
+        while state.done < settings.steps:
             start = time.perf_counter()
             report = self.step()
             told = (*report.messages, *self.change_gaussians())
-            self.seconds += time.perf_counter() - start
-            psnr, ssim = self.held_out_quality() if self.done in checks else (None, None)
-            now, count = self.seconds, self.gaussians.solid
+            state.seconds += time.perf_counter() - start
+            psnr, ssim = self.held_out_quality() if state.done in checks else (None, None)
+            now, count = state.seconds, self.gaussians.solid
             report = dataclasses.replace(report, seconds=now, gaussians=count, held_out_psnr=psnr, held_out_ssim=ssim, messages=told)
-            if self.done in checks or self.done % max(1, settings.steps // 100) == 0:
+            if state.done in checks or state.done % max(1, settings.steps // 100) == 0:
                 history.add_row(self.folder, COLUMNS, vars(report))
-            if self.done in saves:
+            if state.done in saves:
                 self.save()
             yield report
 
@@ -159,30 +151,31 @@ class Trainer:
             return self._step()
 
     def _step(self) -> StepReport:
-        usual = guards.usual_loss(self.last_losses)
-        draw, self.ahead = self.ahead or self._prepare(self.done), None
+        state = self.state
+        usual = guards.usual_loss(state.last_losses)
+        draw, self.ahead = self.ahead or self._prepare(state.done), None
         moment = draw.step.moment
         try:
-            reading, facts = self.stepper.take(self.gaussians, draw.step, usual, self.mask_mean, self._prepare_ahead)
+            reading, facts = self.stepper.take(self.gaussians, draw.step, usual, state.mask_mean, self._prepare_ahead)
         except Exception:  # such as out of memory: the checkpoint that is saved then resumes with this very step
             self._undo_draw(draw.order, draw.random_state)
             raise
-        self.done += 1
+        state.done += 1
         fault = guards.fault(facts, usual)
         if fault is None:
-            self.skipped_in_a_row = 0
-            self.last_losses[moment.index] = facts.picture_loss
+            state.skipped_in_a_row = 0
+            state.last_losses[moment.index] = facts.picture_loss
             self.model.remember(reading.embedding, moment.index)
             messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, moment.progress)
         else:
             messages = [self._skip(moment.index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
         return StepReport(
-            step=self.done,
-            seconds=self.seconds,
+            step=state.done,
+            seconds=state.seconds,
             gaussians=self.gaussians.solid,
             loss=facts.loss,
             picture_loss=facts.picture_loss,
-            mask_mean=self.mask_mean,
+            mask_mean=state.mask_mean,
             residual=facts.residual_size,
             messages=tuple(messages),
         )
@@ -191,47 +184,49 @@ class Trainer:
         """Update the running mean of the masks; a warning, once, if they hide too much."""
         if progress < self.settings.mask_start:
             return []
-        self.mask_mean += MASK_MEAN_RATE * (shown_share - self.mask_mean)
+        state = self.state
+        state.mask_mean += MASK_MEAN_RATE * (shown_share - state.mask_mean)
         hides = progress >= self.settings.mask_apply
-        if not hides or self.mask_mean >= mask_weights.LEAST_STATIC or self.collapse_told:
+        if not hides or state.mask_mean >= mask_weights.LEAST_STATIC or state.collapse_told:
             return []
-        self.collapse_told = True
+        state.collapse_told = True
         return [
-            f"The masks hide {1 - self.mask_mean:.0%} of the photos and are held at {1 - mask_weights.LEAST_STATIC:.0%} from "
+            f"The masks hide {1 - state.mask_mean:.0%} of the photos and are held at {1 - mask_weights.LEAST_STATIC:.0%} from "
             + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 
     def _skip(self, index: int, fault: str, outcome: str) -> str:
         """Count an invalid step; its warning, or, after SKIPS_TO_STOP of them in a row, a checkpoint and TrainingStopped."""
-        name = self.photos[index].photo.name
-        self.skipped += 1
-        self.skipped_in_a_row += 1
-        if self.skipped_in_a_row >= SKIPS_TO_STOP:
-            self.skipped_in_a_row = 0  # once resumed, the run may skip as many again
+        state, name = self.state, self.photos[index].photo.name
+        state.skipped += 1
+        state.skipped_in_a_row += 1
+        if state.skipped_in_a_row >= SKIPS_TO_STOP:
+            state.skipped_in_a_row = 0  # once resumed, the run may skip as many again
             self.change_gaussians()  # now, because the resumed run begins with the next step
             path = self.save()
             raise TrainingStopped(
                 f"{SKIPS_TO_STOP} steps in a row were invalid; in the last one, the {fault} (photo {name}). Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
-        return f"Step {self.done} {outcome}: its {fault} (photo {name})."
+        return f"Step {state.done} {outcome}: its {fault} (photo {name})."
 
     def _prepare(self, done: int) -> Draw:
         """Prepare the step after `done` others, on the next photo of `order`."""
-        order, random_state = list(self.order), self.generator.get_state()
+        state, random_state = self.state, self.generator.get_state()
+        order = list(state.order)
         try:
-            if not self.order:
-                self.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
-            return Draw(self.stepper.prepare(self.gaussians, self.order.pop(), done), order, random_state)
+            if not state.order:
+                state.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
+            return Draw(self.stepper.prepare(self.gaussians, state.order.pop(), done), order, random_state)
         except Exception:  # such as out of memory
             self._undo_draw(order, random_state)
             raise
 
     def _prepare_ahead(self) -> None:
         """Prepare the next step while a GPU computes this one."""
-        if self.ahead is None and self.done + 1 < self.settings.steps:
+        if self.ahead is None and self.state.done + 1 < self.settings.steps:
             with suppress(Exception):  # if it persists, it is raised when that step is prepared in its turn
-                self.ahead = self._prepare(self.done + 1)
+                self.ahead = self._prepare(self.state.done + 1)
 
     def _undo_ahead(self) -> None:
         """Undo the preparation of the next step, so that `order` and the random generator are as the last step left them."""
@@ -239,7 +234,7 @@ class Trainer:
             self._undo_draw(self.ahead.order, self.ahead.random_state)
 
     def _undo_draw(self, order: list[int], random_state: Tensor) -> None:
-        self.order, self.ahead = order, None
+        self.state.order, self.ahead = order, None
         self.generator.set_state(random_state)
 
     def _forget_gaussians(self) -> None:
@@ -249,10 +244,10 @@ class Trainer:
 
     def change_gaussians(self) -> list[str]:
         """Density control, if it is due after this many steps; a warning if only the sky is left."""
-        if not self.density.is_due(self.done):
+        if not self.density.is_due(self.state.done):
             return []
         self._forget_gaussians()
-        return self.density.change(self.gaussians, self.done, self.mask_mean)
+        return self.density.change(self.gaussians, self.state.done, self.state.mask_mean)
 
     # --- quality, checkpoints
 
@@ -267,18 +262,17 @@ class Trainer:
         parts = {"gaussians": self.gaussians.tensors(), "model": self.model.state_dict(), "random": {"generator": self.generator.get_state()}}
         if self.optimizer is not None:
             parts["optimizer"] = checkpoint.optimizer_tensors(self.optimizer)
-        if self.done == self.settings.steps and len(self.model.met_embeddings):
+        if self.state.done == self.settings.steps and len(self.model.met_embeddings):
             parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(sized.encoder_input for sized in self.photos)))
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
-        facts = {"step": self.done, "sky": self.gaussians.sky, "trainer": {name: getattr(self, name) for name in CHECKPOINTED}}
+        facts = {"step": self.state.done, "sky": self.gaussians.sky, "trainer": dataclasses.asdict(self.state)}
         facts["photos"] = [sized.photo.name for sized in self.photos]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:
-        """Restore the state of a checkpoint; KeyError, ValueError or RuntimeError if it is of another collection or other settings."""
-        attributes, photos = saved.facts["trainer"], len(self.photos)
-        if len(attributes["last_losses"]) != photos or not set(attributes["order"]) <= set(range(photos)):
-            raise ValueError(f"losses or an order of other photos than these {photos}")
+        """Restore the state of a checkpoint; KeyError, TypeError, ValueError or RuntimeError if it is of another collection or other settings."""
+        state = RunState(**saved.facts["trainer"])
+        state.check_photos(len(self.photos))
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:
             raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
@@ -288,5 +282,4 @@ class Trainer:
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
-        for name in CHECKPOINTED:
-            setattr(self, name, attributes[name])
+        self.state = state

@@ -20,7 +20,7 @@ def trainer_of(scale: float, settings: Settings, size_px: tuple[int, int] = STEP
     """A Trainer in the middle of its run, with masks at work. scale: decides the number of Gaussians and of pixels, whatever `settings` say."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
     trainer = Trainer(plaza(scale, size_px), settings.changed(resolution=1, max_gaussians=most), Path())
-    trainer.done = round(PROGRESS * trainer.settings.steps)
+    trainer.state.done = round(PROGRESS * trainer.settings.steps)
     return trainer
 
 

@@ -36,7 +36,7 @@ def trainer_of(folder, changes: dict) -> Trainer:
     """In the middle of a small run, everything on but for the changes."""
     settings = small_settings(**{"mask_start": 0.0, "mask_apply": 0.0, "geometry_from": 0.0, **SIZES, **changes})
     trainer = Trainer(small_collection(folder), settings, folder)
-    trainer.done = 2 * TRANSIENT_EVERY - 3
+    trainer.state.done = 2 * TRANSIENT_EVERY - 3
     return trainer
 
 
@@ -147,7 +147,7 @@ def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer):
     """What a replayed step has of the recorded one is the same in both."""
     losses = [trainer.step().loss for _ in range(STEPS)]
     assert Again.recorded == 1 and losses == pytest.approx(losses_on_cpu, abs=2e-5)
-    trainer.density.prune_at = {trainer.done}
+    trainer.density.prune_at = {trainer.state.done}
     trainer.change_gaussians()
     assert trainer.stepper.room.gaussians == 0 and not trainer.stepper.recordings
 
@@ -207,7 +207,7 @@ def test_a_step_waits_once(trainer):
         trainer.photos.target(index, SHRINK_FACTORS[0])  # kept from here on, as are tables after the first step
     trainer.step()
     for _ in range(len(trainer.photos) + 2):
-        most = MOST_LAUNCHES + (0 if trainer.done % TRANSIENT_EVERY else MORE_FOR_TRANSIENTS)
+        most = MOST_LAUNCHES + (0 if trainer.state.done % TRANSIENT_EVERY else MORE_FOR_TRANSIENTS)
         with watched() as work:
             trainer.step()
         assert len(work.waits) == 1 and not work.asked, work.waits
@@ -222,7 +222,7 @@ def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
     honest = trainer.objective.picture
     monkeypatch.setattr(trainer.objective, "picture", lambda *arguments: honest(*arguments) * torch.nan)
     (message,) = trainer.step().messages
-    assert message.startswith("Step 19 was skipped: its loss was not finite") and trainer.skipped == 1
+    assert message.startswith("Step 19 was skipped: its loss was not finite") and trainer.state.skipped == 1
     state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
     for name, tensor in before.items():
         assert torch.equal(tensor, state[name].cpu()), name
@@ -276,10 +276,10 @@ def test_what_was_prepared_ahead_leaves_no_trace_in_what_is_saved(trainer):
     assert trainer.ahead is not None
     order, random_state = list(trainer.ahead.order), trainer.ahead.random_state
     trainer.save()
-    assert trainer.ahead is None and trainer.order == order and torch.equal(trainer.generator.get_state(), random_state)
+    assert trainer.ahead is None and trainer.state.order == order and torch.equal(trainer.generator.get_state(), random_state)
 
     trainer.step()
-    order, honest = list(trainer.order), trainer.stepper.prepare
+    order, honest = list(trainer.state.order), trainer.stepper.prepare
 
     def fails(*_):
         trainer.generator.manual_seed(7)
@@ -290,6 +290,6 @@ def test_what_was_prepared_ahead_leaves_no_trace_in_what_is_saved(trainer):
     random_state = trainer.generator.get_state()
     with pytest.raises(torch.OutOfMemoryError):
         trainer.step()
-    assert trainer.order == order and torch.equal(trainer.generator.get_state(), random_state)
+    assert trainer.state.order == order and torch.equal(trainer.generator.get_state(), random_state)
     trainer.stepper.prepare = honest
     trainer.step()

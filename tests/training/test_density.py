@@ -25,7 +25,7 @@ def test_veils_are_removed_once_when_gaussians_have_settled(trainer_of, monkeypa
     asked = []
 
     def first_two(splats, photos, points, rasterizer, progress):
-        asked.append((trainer.done, len(photos), len(points)))
+        asked.append((trainer.state.done, len(photos), len(points)))
         return torch.arange(len(splats)) < 2
 
     monkeypatch.setattr("core.training.density.veils", first_two)

@@ -137,7 +137,7 @@ def healthy(tmp_path_factory):
 def test_one_bad_camera_or_photo_does_not_spoil_the_rest(tmp_path, healthy, fault):
     collection = SPOILT[fault](small_collection(tmp_path, photos=9))
     trainer, messages = run(collection, tmp_path / "run", steps=50)
-    assert messages == [] and trainer.skipped == 0
+    assert messages == [] and trainer.state.skipped == 0
     # One or two of six training photos teach nothing or something wrong; the lessons of the others must hold.
     assert trainer.held_out_quality()[0] > healthy - 1.5
 
@@ -164,7 +164,7 @@ def test_points_in_one_place_allow_gaussians_around_them(collection, tmp_path, p
 @pytest.mark.parametrize("changes", [{}, {"sky": "none"}, {"sky": "none", "appearance": "off", "transients": "off"}])
 def test_a_run_that_loses_all_its_gaussians_says_so_and_goes_on(collection, tmp_path, changes):
     trainer, messages = run(collection, tmp_path / "run", prune_opacity=1.0, **changes)
-    assert (trainer.gaussians.solid, trainer.done) == (0, 40)
+    assert (trainer.gaussians.solid, trainer.state.done) == (0, 40)
     assert messages == [ALL_GONE]
 
 
@@ -175,7 +175,7 @@ def test_a_view_of_nothing_is_a_step_like_any_other(collection, tmp_path):
     before = Trainer(collection, small_settings(sky="none", steps=9), tmp_path).gaussians.parameters
     unchanged = {"densify_from": 1.0, "densify_until": 1.0, "prune_contribution": 0.0}
     trainer, messages = run(replace(collection, photos=blind), tmp_path / "run", sky="none", steps=9, **unchanged)
-    assert messages == [] and trainer.skipped == 0
+    assert messages == [] and trainer.state.skipped == 0
     for name, tensor in trainer.gaussians.parameters.items():
         assert torch.equal(tensor, before[name]), name
 
@@ -192,7 +192,7 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     messages = [message for report in trainer.train() for message in report.messages]
     (message,) = messages
     assert "masks hide" in message and "raise mask_regularisation" in message
-    assert trainer.mask_mean < mask_weights.LEAST_STATIC
+    assert trainer.state.mask_mean < mask_weights.LEAST_STATIC
     mask = trainer.model.read(trainer.photos[0].encoder_input, 0).mask
     weights = mask_weights.pixel_weights(trainer.photos.target(0, 1)[1].to_pixels(mask), mask.detach().mean())
     assert float(weights.mean()) == pytest.approx(mask_weights.LEAST_STATIC, abs=0.02)  # bilinear resizing moves the mean a little
@@ -203,7 +203,7 @@ def test_masks_that_are_not_applied_yet_cause_no_warning(collection, tmp_path):
     trainer = Trainer(collection, settings, tmp_path)
     torch.nn.init.constant_(trainer.model.encoder.unet.up_2.bias, -2.2)
     assert [message for report in trainer.train() for message in report.messages] == []
-    assert trainer.mask_mean < mask_weights.LEAST_STATIC
+    assert trainer.state.mask_mean < mask_weights.LEAST_STATIC
 
 
 def test_masks_of_photos_with_odd_names_stay_in_the_run(collection, tmp_path):
@@ -270,7 +270,7 @@ def test_an_invalid_step_is_skipped_counted_and_leaves_no_trace(collection, tmp_
     }
     for name, tensor in before.items():
         assert torch.equal(tensor, after[name]), name
-    assert trainer.step().messages == () and (trainer.skipped, trainer.skipped_in_a_row) == (1, 0)
+    assert trainer.step().messages == () and (trainer.state.skipped, trainer.state.skipped_in_a_row) == (1, 0)
     assert int(trainer.model.remembered) == 13  # of the photos read in 14 steps
 
 
@@ -287,7 +287,7 @@ def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learni
     for name, tensor in trainer.model.state_dict().items():
         assert torch.equal(tensor, networks[name]), name
     overflowing.remove()
-    assert trainer.step().messages == () and trainer.skipped == 1
+    assert trainer.step().messages == () and trainer.state.skipped == 1
 
 
 @pytest.mark.parametrize("words", WRONG)
@@ -305,7 +305,7 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
     assert trainer.gaussians.solid > few  # a round of growth was due just then
     resumed = Trainer(collection, small_settings(), folder)
     resumed.resume(checkpoint.load(checkpoint.newest(folder)))
-    assert (resumed.skipped, resumed.skipped_in_a_row, resumed.last_losses) == (10, 0, trainer.last_losses)
+    assert (resumed.state.skipped, resumed.state.skipped_in_a_row, resumed.state.last_losses) == (10, 0, trainer.state.last_losses)
     assert trainer.step() == resumed.step()
 
 
@@ -314,7 +314,7 @@ def test_an_odd_photo_is_no_spike(collection, tmp_path):
     for index in range(len(collection.photos)):
         collection = with_picture(collection, index, 255 if index == 4 else 0)
     trainer, messages = run(replace(collection, point_colours=0 * collection.point_colours), tmp_path / "run", steps=30)
-    assert messages == [] and None not in trainer.last_losses
+    assert messages == [] and None not in trainer.state.last_losses
 
 
 def test_any_number_of_threads_trains_the_same_bits(collection, tmp_path):

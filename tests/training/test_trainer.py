@@ -64,7 +64,7 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, 
     run(collection, tmp_path / "broken", settings, until=22)  # in the middle of a round through the four photos
     resumed = Trainer(collection, settings, tmp_path / "broken")
     resumed.resume(checkpoint.load(checkpoint.newest(tmp_path / "broken")))
-    assert resumed.done == 22 and len(resumed.order) == 2
+    assert resumed.state.done == 22 and len(resumed.state.order) == 2
     for _ in resumed.train():
         pass
     expected = {**whole.gaussians.tensors(), **whole.model.state_dict()}
@@ -74,12 +74,9 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, 
         assert torch.equal(tensor, actual[name]), name
 
 
-def test_a_checkpoint_sets_what_a_run_remembers_and_nothing_else(collection, tmp_path):
+def test_a_checkpoint_of_another_run_is_refused(collection, tmp_path):
     trainer, _ = run(collection, tmp_path / "run", small_settings(steps=2))
     saved = checkpoint.load(checkpoint.newest(tmp_path / "run"))
-    saved.facts["trainer"]["train"] = None
-    trainer.resume(saved)
-    assert callable(trainer.train)
     for wrong in ({"order": [4]}, {"last_losses": [None] * 5}):
         other = checkpoint.Checkpoint(saved.tensors, saved.facts | {"trainer": saved.facts["trainer"] | wrong})
         with pytest.raises(ValueError, match="of other photos than these 4"):
@@ -88,17 +85,17 @@ def test_a_checkpoint_sets_what_a_run_remembers_and_nothing_else(collection, tmp
         trainer.resume(checkpoint.Checkpoint(saved.tensors, saved.facts | {"sky": 0}))
     del saved.facts["trainer"]["order"]
     path = checkpoint.save(tmp_path / "run", saved)
-    with pytest.raises(BadInput, match="does not fit its run: KeyError: 'order'"), checkpoint.fitting(path):
+    with pytest.raises(BadInput, match="does not fit its run: TypeError: .*'order'"), checkpoint.fitting(path):
         trainer.resume(saved)
 
 
 def test_what_a_run_has_counted_and_said_is_remembered(collection, tmp_path):
     trainer, resumed = (Trainer(collection, small_settings(), tmp_path) for _ in range(2))
     trainer.step()
-    trainer.seconds, trainer.mask_mean, trainer.skipped, trainer.skipped_in_a_row, trainer.collapse_told = 12.5, 0.75, 7, 3, True
+    changed = {"seconds": 12.5, "mask_mean": 0.75, "skipped": 7, "skipped_in_a_row": 3, "collapse_told": True}
+    trainer.state = replace(trainer.state, **changed)
     resumed.resume(checkpoint.load(trainer.save()))
-    for name in ("done", "seconds", "order", "mask_mean", "last_losses", "skipped", "skipped_in_a_row", "collapse_told"):
-        assert getattr(resumed, name) == getattr(trainer, name), name
+    assert resumed.state == trainer.state and resumed.state.done == 1
 
 
 def test_a_gpu_that_ran_out_of_memory_is_no_fault_of_the_checkpoint(tmp_path):

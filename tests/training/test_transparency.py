@@ -68,7 +68,7 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(scene, tmp_path):
     collection, trainers = load_collection(scene), []
     for until in (22, 11):
         trainers.append(Trainer(collection, settings, tmp_path))
-        while trainers[-1].done < until:
+        while trainers[-1].state.done < until:
             trainers[-1].step()
     trainers[1].save()
     resumed = Trainer(collection, settings, tmp_path)
@@ -98,7 +98,7 @@ def test_photos_of_other_kinds_show_nothing_where_they_are_transparent_and_nothi
     assert trainer.settings.sky == "dome" and not trainer.transparent_is_empty
     for sized in (*trainer.photos, *trainer.held_out):
         assert sized.empty is None and np.array_equal(sized.valid, rgba(sized.photo)[..., 3] >= OPAQUE / 255)
-    trainer.order = [0]
+    trainer.state.order = [0]
     before = trainer.generator.get_state()
     trainer.step()
     assert torch.equal(trainer.generator.get_state(), before)

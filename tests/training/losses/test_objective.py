@@ -63,7 +63,7 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
 def test_collapsed_masks_are_raised_in_the_pictures_loss(trainer_of, monkeypatch, mean, share):
     """The mask is 0.1 everywhere: it weighs 0.1, or more if the masks of all photos hide too much, as half of what is hidden counts then."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0, mask_regularisation=0.0, transient_regularisation=0.0)
-    trainer.mask_mean = mean
+    trainer.state.mask_mean = mean
     given = recorded(monkeypatch, trainer.objective, "picture")
     trainer.step()
     ((image, target, _, *rest),) = given

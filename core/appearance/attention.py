@@ -1,23 +1,27 @@
 """Channel attention and the U-Net that predicts the mask, which is spatial attention as well (paper, section IV-B)."""
 
+from typing import TypeVar
+
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
+
+Layer = TypeVar("Layer", bound=nn.Module)
 
 REDUCTION = 4  # hidden units of the channel attention are this many times fewer than its channels
 STATIC_LOGIT = 3.0  # masks start near sigmoid(3) = 0.95, so that nothing is hidden before something was learned,
 LAST_LAYER_GAIN = 0.1  # and nearly flat: the last layer's initial weights are scaled by this
 
 
-def rectified(layer: nn.Module) -> nn.Module:
+def rectified(layer: Layer) -> Layer:
     """`layer` with weights that keep the mean square of their input through a ReLU (He et al. 2015, eq. 10; PyTorch's own leave a sixth of it).
 
     Not so of a transposed convolution, whose outputs PyTorch takes for its inputs: those of MaskUNet leave a quarter and, before LAST_LAYER_GAIN,
     sixteen times as much.
     """
-    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-    nn.init.zeros_(layer.bias)
+    nn.init.kaiming_normal_(layer.get_parameter("weight"), nonlinearity="relu")
+    nn.init.zeros_(layer.get_parameter("bias"))
     return layer
 
 
@@ -49,7 +53,7 @@ class MaskUNet(nn.Module):
         self.up_2 = rectified(nn.ConvTranspose2d(2 * channels, 1, 4, stride=2, padding=1))
         with torch.no_grad():
             self.up_2.weight *= LAST_LAYER_GAIN
-        nn.init.constant_(self.up_2.bias, STATIC_LOGIT)
+        nn.init.constant_(self.up_2.get_parameter("bias"), STATIC_LOGIT)
 
     def forward(self, features: Float[Tensor, "1 c h w"]) -> Float[Tensor, "1 1 h w"]:
         half = F.relu(self.down_1(features))

@@ -41,7 +41,8 @@ def blended(first: Colouring, last: Colouring, share: float) -> Colouring:
     """`share` of the way from `first` to `last`."""
     tone = None
     if first.tone is not None or last.tone is not None:
-        tone = torch.lerp(*(EVEN.to(end.embedding.device) if end.tone is None else end.tone for end in (first, last)), share)
+        first_tone, last_tone = (EVEN.to(end.embedding.device) if end.tone is None else end.tone for end in (first, last))
+        tone = torch.lerp(first_tone, last_tone, share)
     none = {name: torch.zeros_like(change) for name, change in (first.changes | last.changes).items()}
     begin, aim = none | first.changes, none | last.changes
     changes = {name: torch.lerp(begin[name], aim[name], share) for name in none}

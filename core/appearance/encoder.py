@@ -63,7 +63,8 @@ def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4
     if not bands:
         return photo.new_zeros(0)
     weight = weight.detach() + UNSEEN  # detached: a mask must not learn to hide things for the sake of the embedding
-    cells = F.adaptive_avg_pool2d(photo[None], weight.shape[2:])
+    height, width = weight.shape[2:]
+    cells = F.adaptive_avg_pool2d(photo[None], (height, width))
     sums, weights = (F.adaptive_avg_pool2d(values, (bands, 1)) for values in (cells * weight, weight))
     return (sums / weights).flatten()
 
@@ -158,13 +159,14 @@ class PhotoEncoder(nn.Module):
     @torch.no_grad()
     def start_apart(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
         """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.start_apart."""
-        if self.enc2 is not None:
-            with one_torch_thread():  # more would round the principal components differently
-                self.enc2.start_apart(torch.stack([self._summary(photo) for photo in photos]))
-
-    def _summary(self, photo: Float[Tensor, "3 h w"]) -> Float[Tensor, " d"]:
-        attended, static, _ = self.attend(photo, True)
-        return self.enc2.summary(attended, photo, static)
+        if self.enc2 is None:
+            return
+        with one_torch_thread():  # more would round the principal components differently
+            summaries = []
+            for photo in photos:
+                attended, static, _ = self.attend(photo, masked=True)
+                summaries.append(self.enc2.summary(attended, photo, static))
+            self.enc2.start_apart(torch.stack(summaries))
 
 
 class PlainMask(nn.Module):

@@ -44,6 +44,11 @@ class AppearanceModel(nn.Module):
     finished_embeddings: two rows per photo, see `meet_as_finished`; None before. Not part of the state dict.
     """
 
+    mean_embedding: Tensor
+    met_embeddings: Tensor
+    finished_embeddings: Tensor | None
+    remembered: Tensor
+
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
         super().__init__()
         if settings.undecided:
@@ -53,7 +58,7 @@ class AppearanceModel(nn.Module):
         with_appearance, with_masks = settings.appearance != "off", settings.transients == "on"
         self.encoder = None
         self.embedding_table = None
-        self.mask_network = None
+        self.mask_network: PlainMask | MaskTable | None = None
         self.sh_transfer = None
         if (with_appearance and settings.embedding == "encoder") or (with_masks and settings.mask == "attention"):
             self.encoder = PhotoEncoder(settings)
@@ -172,7 +177,9 @@ class AppearanceModel(nn.Module):
         """The Gaussians in one look, without a gradient; for float32 on the CPU, the SH are those of `transfer`, bit for bit."""
         splats = splats.detached()
         given = TransferInput(splats.sh, splats.means, latents), embedding, changes
-        return splats.with_sh(self.sh_transfer.added(*given) if self.predicts_residuals else self.transfer(*given)[0])
+        if self.sh_transfer is not None and self.predicts_residuals:
+            return splats.with_sh(self.sh_transfer.added(*given))
+        return splats.with_sh(self.transfer(*given)[0])
 
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:

@@ -61,12 +61,15 @@ class Refinable(Protocol):
 
 @runtime_checkable
 class InCells(Protocol):
-    """A view in cells (core.scene.cells). sky: how much of each cell is sky, px; None if there is none that is told from the place. unseen:
-    rows of the Gaussians of which it shows less than UNSEEN_PX: what lies out of view, behind something, or where nothing counts.
-    """
+    """A view in cells (core.scene.cells)."""
 
-    sky: Float[Tensor, " cells"] | None
-    unseen: Int[Tensor, " u"]
+    @property
+    def sky(self) -> Float[Tensor, " cells"] | None:
+        """How much of each cell is sky, px; None if there is none that is told from the place."""
+
+    @property
+    def unseen(self) -> Int[Tensor, " u"]:
+        """Rows of the Gaussians of which it shows less than UNSEEN_PX: what lies out of view, behind something, or where nothing counts."""
 
     def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
         """The sums of the pixels of each cell in this look; differentiable by whatever of the look they depend on."""
@@ -198,21 +201,21 @@ class _Learning:
 
 def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colouring], loss_of: Callable[[Colouring], Tensor]) -> Course:
     """The best look after 0, 1, ... `steps` steps; returns the last of these. learned: the look of what is learned, as it is now."""
-    best, least = None, float("inf")
+    best, least = learned().detached(), float("inf")
     for step in range(steps + 1):
         with torch.enable_grad(), threads_for_blocks():
             now = learned()
             loss = loss_of(now)
         value = float(loss.detach())
-        if value < least or best is None:
+        if value < least:
             best, least = now.detached(), value
         yield best
-        if step == steps:
-            return best
-        with threads_for_blocks():
-            gradients = torch.autograd.grad(loss, [one.value for one in learning], materialize_grads=True)
-        for one, gradient in zip(learning, gradients):
-            one.step(gradient, share=(1 + cos(pi * step / steps)) / 2)
+        if step < steps:
+            with threads_for_blocks():
+                gradients = torch.autograd.grad(loss, [one.value for one in learning], materialize_grads=True)
+            for one, gradient in zip(learning, gradients):
+                one.step(gradient, share=(1 + cos(pi * step / steps)) / 2)
+    return best
 
 
 def _share_of_cells(sky: Float[Tensor, " cells"], counted: Float[Tensor, " cells"]) -> Float[Tensor, " cells"]:

@@ -8,6 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from core.appearance.attention import rectified
 from core.appearance.colouring import UNCHANGED, Weights
 from core.appearance.positional_encoding import encode, encoded_size
 from core.appearance.transfer_mlp import HiddenLayers, OutputLayer, blockwise_mlp, blockwise_sum, chunked_mlp
@@ -59,10 +60,8 @@ class SHTransfer(nn.Module):
         self.first_columns = self.feature_columns, encoded_size(3, settings.position_octaves), 0 if self.mixes else settings.embedding_size
         width = settings.transfer_width
         inputs = sum(self.first_columns), *(width,) * (settings.transfer_layers - 2)
-        self.layers = nn.ModuleList(nn.Linear(columns, width) for columns in inputs)
-        for layer in self.layers:
-            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-            nn.init.zeros_(layer.bias)
+        layers = [nn.Linear(columns, width) for columns in inputs]
+        self.layers = nn.ModuleList(rectified(layer) for layer in layers)
         if self.mixes:
             self.last = nn.Linear(settings.embedding_size, self.coefficients * (width + self.feature_columns + 1))
         else:
@@ -127,14 +126,13 @@ class SHTransfer(nn.Module):
     def hidden_layers(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> HiddenLayers:
         """The hidden layers of this photo."""
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
-        first_weight, *weights = [changed(layer.weight, f"layers.{number}.weight", changes) for number, layer in enumerate(self.layers)]
-        first_bias, *biases = [changed(layer.bias, f"layers.{number}.bias", changes) for number, layer in enumerate(self.layers)]
+        first_weight, first_bias, *further = [changed(weight, f"layers.{name}", changes) for name, weight in self.layers.named_parameters()]
         feature_weight, place_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
         if not self.mixes:
             first_bias = embedding_weight @ embedding + first_bias
         width = len(first_bias)
-        weights = torch.stack(weights) if weights else first_weight.new_empty(0, width, width)
-        biases = torch.stack(biases) if biases else first_weight.new_empty(0, width)
+        weights = torch.stack(further[::2]) if further else first_weight.new_empty(0, width, width)
+        biases = torch.stack(further[1::2]) if further else first_weight.new_empty(0, width)
         return HiddenLayers(feature_weight, place_weight, first_bias, weights, biases)
 
     def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> OutputLayer:

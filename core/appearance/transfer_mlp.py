@@ -90,8 +90,7 @@ def chunked_mlp(
     if len(features) <= rows:
         return plain_mlp(features, means, *given)
     parts = zip(features.split(rows), means.split(rows))
-    options = {"use_reentrant": False, "preserve_rng_state": False}
-    return torch.cat([checkpoint(plain_mlp, *part, *given, **options) for part in parts])
+    return torch.cat([checkpoint(plain_mlp, *part, *given, use_reentrant=False, preserve_rng_state=False) for part in parts])
 
 
 def blockwise_mlp(

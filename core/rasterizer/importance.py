@@ -62,7 +62,8 @@ def shares_of_picture(splats: Splats, camera: Camera, rasterizer: Rasterizer, *p
     white = splats.detached().marked(slice(None))
     white.sh.requires_grad_()
     asked = white.means.new_zeros(camera.height, camera.width, 3)
-    for channel, part in enumerate((True, *parts)):
+    asked[..., 0] = 1
+    for channel, part in enumerate(parts, start=1):
         asked[..., channel] = part
     with torch.enable_grad():
         picture = rasterizer.render(white, camera)

@@ -96,14 +96,15 @@ class ReferenceRasterizer:
     @torch.no_grad()
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         rows, projection = projected(splats, camera)
-        shares = projection.opacities.new_zeros(math.prod(grid(camera.height, camera.width)), len(splats))
+        size = math.prod(grid(camera.height, camera.width)), len(splats)
+        shares = projection.opacities.new_zeros(size)
         chunks = pixel_chunks(camera, len(rows), projection.centres)
-        size = len(chunks[0])
-        for pixels, of_pixels, cells in zip(chunks, weight.flatten().split(size), cell_of_pixels(camera, weight.device).flatten().split(size)):
+        pixel_weights, pixel_cells = (each.flatten().split(len(chunks[0])) for each in (weight, cell_of_pixels(camera, weight.device)))
+        for pixels, of_pixels, cells in zip(chunks, pixel_weights, pixel_cells):
             weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
             shares.index_put_((cells[:, None], rows), of_pixels[:, None] * weights, accumulate=True)
         cells, gaussians = shares.nonzero(as_tuple=True)
-        return Shares(cells, gaussians, shares[cells, gaussians], tuple(shares.shape))
+        return Shares(cells, gaussians, shares[cells, gaussians], size)
 
 
 # ---------------------------------------------------------------------------------------------------------------- cull

@@ -93,4 +93,5 @@ def shares_of_slots(
             row = TILE_CELLS * (tiles[slots] // tiles_across) + quarter // TILE_CELLS
             column = TILE_CELLS * (tiles[slots] % tiles_across) + quarter % TILE_CELLS
             found.append((row * columns + column, owners[slots].long(), sums[slots, channel]))
-    return Shares(*map(torch.cat, zip(*found)), (rows * columns, count))
+    entry_cells, entry_gaussians, values = map(torch.cat, zip(*found))
+    return Shares(entry_cells, entry_gaussians, values, (rows * columns, count))

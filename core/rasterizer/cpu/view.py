@@ -22,9 +22,10 @@ class View(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera) -> "View":
+        x, y, z = map(float, camera.centre)
         return cls(
             rotation=np.ascontiguousarray(camera.world_to_camera, dtype=np.float64),
-            centre=tuple(float(x) for x in camera.centre),
+            centre=(x, y, z),
             lens=(float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)),
             limits=jacobian_limits(camera),
             size=(int(camera.width), int(camera.height)),

@@ -1,5 +1,6 @@
 """The contract on a GPU: checks, memory, the order of the kernels, and torch's autograd."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -140,7 +141,7 @@ class CudaRasterizer:
 class _Render(torch.autograd.Function):
     @staticmethod
     def forward(ctx, camera, background, probe, known, *parameters):
-        parameters = [tensor.contiguous() for tensor in parameters]
+        parameters = tuple(tensor.contiguous() for tensor in parameters)
         prepared = prepare(parameters, None if probe is None else probe.contiguous(), camera, known)
         drawn = draw(prepared, background, differentiable=any(ctx.needs_input_grad))
         ctx.prepared, ctx.probed = prepared, probe is not None
@@ -193,7 +194,7 @@ class Prepared:
         return -(-self.width // layout.TILE)
 
 
-def prepare(parameters: list[Tensor], probe: Tensor | None, camera: Camera, known: Known | None = None) -> Prepared:
+def prepare(parameters: Sequence[Tensor], probe: Tensor | None, camera: Camera, known: Known | None = None) -> Prepared:
     """Project the Gaussians (contiguous, in the order of Splats' fields) and sort them into tiles, front to back.
 
     known: as `contract.Visible` has it; without it the host waits for the number of pairs.

@@ -15,9 +15,11 @@ from core.scene.camera import Camera
 
 @runtime_checkable
 class Subject(Protocol):
-    """A scene whose look follows a Colouring. has_looks: whether it has more than one."""
+    """A scene whose look follows a Colouring."""
 
-    has_looks: bool
+    @property
+    def has_looks(self) -> bool:
+        """Whether it has more than one."""
 
     def embed(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
         """The embedding of a picture ([0, 1]) that was not trained on."""

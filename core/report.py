@@ -1,6 +1,6 @@
 """How the engine reports what it does. Imports nothing from the engine, so that every layer can use it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 Told = Callable[[int, int], None]  # a progress callback: parts done, parts in all
 
@@ -24,7 +24,7 @@ class Report:
         share: of the time for all parts, how much has passed, in [0, 1]; None if every part takes equally long.
         """
 
-    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
+    def table(self, title: str, rows: Sequence[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         """Names and values, at the end of something; with a header, columns of any number."""
 
 

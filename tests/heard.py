@@ -1,6 +1,7 @@
 """Listeners for tests."""
 
 import signal
+from collections.abc import Sequence
 
 from core.report import Report
 
@@ -23,8 +24,8 @@ class Heard(Report):
         self.steps.append((done, total))
         self.finished |= {what} if done == total else set()
 
-    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
-        self.lines += [": ".join(row) for row in ([header] if header else []) + rows]
+    def table(self, title: str, rows: Sequence[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
+        self.lines += [": ".join(row) for row in ([header, *rows] if header else rows)]
 
 
 class StopsAtStep(Heard):

@@ -4,7 +4,7 @@ import errno
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
 from math import ceil
@@ -86,7 +86,7 @@ class Terminal(Report):
             click.echo(f"{what} {done}/{total}{estimate}  {note}".rstrip())
 
     @_reader_may_leave()
-    def table(self, title: str, rows: list[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
+    def table(self, title: str, rows: Sequence[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self._end_bar()
         rows = [tuple(map(on_one_line, row)) for row in rows]
         if not self.console.is_terminal:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from core.appearance.colouring import EVEN, Colouring
+from core.appearance.colouring import Colouring
 from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
 from core.data.made import LOOKS
@@ -49,13 +49,13 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     if word == NEUTRAL:
         return neutral_look(trained)
     if saved:
-        like = Colouring(trained.model.mean_embedding, EVEN, trained.given_spread | trained.model.hidden_weights)
+        like = Colouring(trained.model.mean_embedding, changes=trained.given_spread | trained.model.hidden_weights)
         look = saved_look.load(saved, trained.identity, trained.step, like)
         return replace(look, colouring=look.colouring.to(trained.device))
     photo = _of_collection(trained, word)
     if photo is not None:
         look = look_of_photo(trained, photo, mask, refine, report)
-        gone = photo.path != trained.collection.called(photo.name).path
+        gone = photo.path not in [known.path for known in trained.collection.photos]
         return replace(look, source=f"{look.source} (whose file is gone; this one has its name and size)") if gone else look
     if Path(word).is_file():
         look = _of_outside(trained, Path(word), mask)

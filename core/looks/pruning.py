@@ -96,8 +96,8 @@ class Pruner:
             whole = self._shown(baked, camera)
             for number, option in enumerate(options):
                 if largest[number] <= HALF_STEP:
-                    change = (self._shown(option, camera) - whole).abs().max()
-                    largest[number] = max(largest[number], float(change))
+                    change = float((self._shown(option, camera) - whole).abs().max())
+                    largest[number] = max(largest[number], change)
         for option, change in zip(options, largest, strict=True):
             if change <= HALF_STEP:
                 return Pruned(option, len(baked) - len(option), baked.degree - option.degree, change * 255)

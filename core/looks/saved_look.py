@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from core.appearance.colouring import Colouring
+from core.appearance.colouring import EVEN, Colouring
 from core.data.collection import Collection
 from core.data.made import LOOKS
 from core.errors import BadInput, BadSetting
@@ -68,8 +68,8 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
 def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
     """Read a look of the run `identity` after `step` steps.
 
-    like: all that a look of the run may hold; only the shapes of its tensors matter. Raises BadInput if the file is anything else, or holds other
-    shapes, numbers beyond LARGEST, or gains below zero.
+    like: the embedding and all changes that a look of the run may hold; only their shapes matter. Raises BadInput if the file is anything else,
+    or holds other shapes, numbers beyond LARGEST, or gains below zero.
     """
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
@@ -89,7 +89,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
         raise BadInput(f"{path} was saved at step {saved_at}; the run is at step {step} now.", "Save the look again.")
     if not _fits(found, like.embedding):
         raise BadInput(f"{path} does not hold {counted(len(like.embedding), 'number')} of an embedding.", "Save the look again.")
-    if tone is not None and not (_fits(tone, like.tone) and (tone >= 0).all()):
+    if tone is not None and not (_fits(tone, EVEN) and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
     if not all(name in like.changes and _fits(change, like.changes[name]) for name, change in changes.items()):
         raise BadInput(f"{path} has changes that do not fit {identity}.", "Save the look again.")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from core.appearance.colouring import EVEN, Colouring
+from core.appearance.colouring import Colouring
 from core.errors import BadInput, BadSetting
 from core.looks import saved_look
 from core.looks.trained import Look
@@ -17,7 +17,7 @@ WEIGHTS = {"layers.0.weight": torch.zeros(3, 2), "last.bias": torch.zeros(4)}  #
 
 
 def loaded(path, size: int) -> Look:
-    return saved_look.load(path, "abc", 7, Colouring(torch.zeros(size), EVEN, WEIGHTS))
+    return saved_look.load(path, "abc", 7, Colouring(torch.zeros(size), changes=WEIGHTS))
 
 
 def test_a_look_comes_back_bit_for_bit(tmp_path):

@@ -122,7 +122,7 @@ class PhotoEncoder(nn.Module):
 
     def __init__(self, settings: Settings):
         super().__init__()
-        self.attends = settings.transients == "on"
+        self.attends = settings.has_masks
         self.enc1 = Enc1()
         self.channel_attention = None
         self.unet = None
@@ -131,7 +131,7 @@ class PhotoEncoder(nn.Module):
             self.channel_attention = ChannelAttention(CHANNELS[-1])
         if self.attends and settings.mask == "attention":
             self.unet = MaskUNet(CHANNELS[-1])
-        if settings.appearance != "off" and settings.embedding == "encoder":
+        if settings.encodes_photos:
             self.enc2 = Enc2(settings.embedding_size, settings.colour_bands)
 
     def forward(self, photo: Float[Tensor, "3 h w"], masked: bool = True) -> tuple[Float[Tensor, " e"] | None, Float[Tensor, "1 h4 w4"] | None]:

@@ -55,24 +55,23 @@ class AppearanceModel(nn.Module):
             raise BadSetting(f"{settings.undecided[0]} is not decided yet.", "Give it, or let core.training.decisions decide.")
         self.settings = settings
         self.photo_names = tuple(photo_names)
-        with_appearance, with_masks = settings.appearance != "off", settings.transients == "on"
         self.encoder = None
         self.embedding_table = None
         self.mask_network: PlainMask | MaskTable | None = None
         self.sh_transfer = None
-        if (with_appearance and settings.embedding == "encoder") or (with_masks and settings.mask == "attention"):
+        if settings.encodes_photos or (settings.has_masks and settings.mask == "attention"):
             self.encoder = PhotoEncoder(settings)
-        if with_appearance and settings.embedding == "glo":
+        if settings.has_looks and not settings.encodes_photos:
             size = len(self.photo_names), settings.embedding_size
             self.embedding_table = nn.Parameter(TABLE_SPREAD * torch.randn(size))
-        if with_masks and settings.mask == "cnn":
+        if settings.has_masks and settings.mask == "cnn":
             self.mask_network = PlainMask()
-        if with_masks and settings.mask == "mlp":
+        if settings.has_masks and settings.mask == "mlp":
             self.mask_network = MaskTable(len(self.photo_names))
-        if with_appearance:
+        if settings.has_looks:
             self.sh_transfer = (SHTransfer if settings.appearance == "full" else ExposureTransfer)(settings)
         self.register_buffer("mean_embedding", torch.zeros(settings.embedding_size))
-        rows = len(self.photo_names) if with_appearance and settings.embedding == "encoder" else 0
+        rows = len(self.photo_names) if settings.encodes_photos else 0
         self.register_buffer("met_embeddings", torch.zeros(rows, settings.embedding_size))
         self.register_buffer("finished_embeddings", None, persistent=False)
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))

@@ -43,8 +43,7 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     if mask is not None and not mask.is_file():  # a pipe would be waited for without end
         raise BadInput(f"{mask} is not a file." if mask.exists() else f"There is no mask {mask}.", "Give a picture, white = use.")
     saved = _saved_as(trained, word)
-    reads_photos = trained.has_looks and trained.settings.embedding == "encoder"
-    if mask is not None and (word == NEUTRAL or saved or not reads_photos):
+    if mask is not None and (word == NEUTRAL or saved or not trained.settings.encodes_photos):
         raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")
     if word == NEUTRAL:
         return neutral_look(trained)
@@ -189,7 +188,7 @@ def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:
 
 
 def _refuse_unknown_to_table(trained: TrainedRun, name: str) -> None:
-    if trained.settings.embedding == "glo" and trained.has_looks:
+    if trained.has_looks and not trained.settings.encodes_photos:
         raise BadInput(
             f"{name} is not a training photo, and a run with embedding=glo knows no other looks.",
             "Name a training photo, or train with embedding=encoder.",

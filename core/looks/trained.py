@@ -100,7 +100,7 @@ class TrainedRun:
     @property
     def has_looks(self) -> bool:
         """Whether it has more looks than one."""
-        return self.settings.appearance != "off"
+        return self.settings.has_looks
 
     @cached_property
     def given_spread(self) -> Weights:

@@ -6,8 +6,11 @@ the bake with everything.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import torch
+from jaxtyping import Int
+from torch import Tensor
 
 import core.export
 from core.bench.differences import HALF_STEP_LINE, differences
@@ -47,12 +50,12 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
     budget: see `stopwatch.timed`.
     """
     rasterizer = trained.rasterizer
-    cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
+    training = [trained.camera(photo) for photo in trained.collection.split("train")]
     solid = len(trained.splats) - trained.sky
-    largest = largest_contributions(trained.splats, cameras, rasterizer, lambda done, total: report.progress("Views", done, total))
+    largest = largest_contributions(trained.splats, training, rasterizer, lambda done, total: report.progress("Views", done, total))
     largest[solid:] = torch.inf
     order = torch.sort(largest, stable=True).indices
-    cameras = spread_over(cameras, views)
+    cameras = spread_over(training, views)
     neutral = neutral_look(trained)
     whole = bake(trained, neutral)
     truth = [rasterizer.render(whole, camera, trained.background).clamp(0, 1) for camera in cameras]
@@ -65,6 +68,9 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
         def written(baked: Splats) -> Splats:
             core.export.write(path, baked.in_world(trained.collection.frame), "bench")
             return baked
+
+        def pruned(rows: Int[Tensor, " r"], degree: int) -> Splats:
+            return bake(trained, neutral, rows).up_to_degree(degree)
 
         def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
             baked, seconds = timed(lambda: written(make()), budget)
@@ -86,6 +92,6 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
                 rows = order[round(share * solid) :].sort().values
                 is_all = share == 0 and degree == whole.degree
                 label = "everything (--prune off)" if is_all else f"{share:.0%} pruned"
-                add(f"SH degree {degree}", label, lambda rows=rows, degree=degree: bake(trained, neutral, rows).up_to_degree(degree))
+                add(f"SH degree {degree}", label, partial(pruned, rows, degree))
     title = f"Baking {trained.folder.resolve().name}: {counted(len(whole), 'Gaussian')} of degree {whole.degree}"
     return Figure("baking", title, QUANTITIES, PANELS, tuple(points), made_on(trained.settings.seed), NOTES)

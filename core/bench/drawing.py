@@ -7,7 +7,7 @@ import io
 import logging
 import math
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from core.bench.figure import Figure, Panel, Point, Quantity, number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.typing import RcKeyType
 
 DPI = 130
 PANEL_INCHES = 5.4, 4.2
@@ -28,7 +29,7 @@ NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#882255", "#44aa99", "#999933", "#332288")
 MARKERS = "osD^vPX<>h"
 INK, FAINT, FRONT = "#222222", "#8a8a8a", "#e9a13b"
-STYLE = {
+STYLE: "dict[RcKeyType, Any]" = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 9,
     "axes.edgecolor": FAINT,
@@ -93,9 +94,10 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
     for row, (curve, points) in enumerate(figure.curves().items()):
         points = [point for point in points if point in shown]
         colour, marker = COLOURS[row % len(COLOURS)], MARKERS[row % len(MARKERS)]
-        spread = {"xerr": _bars(points, x), "yerr": _bars(points, y)}
-        style = {"color": colour, "marker": marker, "ms": 5, "lw": 1.2, "elinewidth": 0.9, "alpha": 0.9}
-        axis.errorbar(*places(points), **spread, **style, capsize=1.5, label=curve, zorder=3)
+        axis.errorbar(
+            *places(points), xerr=_bars(points, x), yerr=_bars(points, y), label=curve, color=colour, marker=marker, ms=5,
+            lw=1.2, elinewidth=0.9, capsize=1.5, alpha=0.9, zorder=3,
+        )  # fmt: skip
     if front := figure.front(panel):
         axis.step(*places(front), where="post", color=FRONT, lw=5, alpha=0.35, zorder=1, label="Pareto front")
         axis.plot(*places(front), "o", ms=11, mfc="none", mec=FRONT, mew=1.6, zorder=4)
@@ -165,20 +167,21 @@ def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
     floor = _floor(y, shown)
     first = [point for point in shown if point.is_default]
     ends = [end for points in figure.curves().values() for end in (points[0], points[-1]) if end in shown]
-    renderer = axis.figure.canvas.get_renderer()
     middles = [axis.transData.transform((_place(point, x), _place(point, y, floor))) for point in shown]
     taken = [Bbox.from_extents(*(middle - MARKER_PX), *(middle + MARKER_PX)) for middle in middles]
-    taken += [text.get_window_extent(renderer) for text in axis.texts]
+    taken += [text.get_window_extent() for text in axis.texts]
     written: set[tuple[float, float]] = set()
-    frame = axis.get_window_extent(renderer)
+    frame = axis.get_window_extent()
     for point in [*first, *figure.front(panel), *ends, *shown]:
         at = _place(point, x), _place(point, y, floor)
         if at in written:
             continue
         for shift, align in BESIDE:
-            style = {"fontsize": 7.5, "color": INK, "path_effects": [withStroke(linewidth=2.5, foreground="white")]}
-            label = axis.annotate(point.label, at, shift, textcoords="offset points", ha=align, zorder=6, **style)
-            box = label.get_window_extent(renderer)
+            halo = withStroke(linewidth=2.5, foreground="white")
+            label = axis.annotate(
+                point.label, at, shift, textcoords="offset points", ha=align, zorder=6, fontsize=7.5, color=INK, path_effects=[halo]
+            )
+            box = label.get_window_extent()
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 + 20 and frame.y0 <= box.y0 and box.y1 <= frame.y1
             centre = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
             nearest = min(middles, key=lambda middle: math.dist(middle, centre))

@@ -47,11 +47,11 @@ def show(figure: Figure, report: Report) -> None:
 
 def save(figure: Figure, folder: Path) -> list[Path]:
     """Write NAME.csv, NAME.json and NAME.png into `folder`, which is made if it is not there; all of them or none."""
-    names = [figure.name + suffix for suffix in SUFFIXES]
     with adding(folder) as work:  # a part of a figure would be in the way of the next call
-        for name, write, content in zip(names, (write_text, write_json, write_bytes), (csv_of, json_of, draw_png), strict=True):
-            write(work / name, content(figure))
-    return [folder / name for name in names]
+        write_text(work / f"{figure.name}.csv", csv_of(figure))
+        write_json(work / f"{figure.name}.json", json_of(figure))
+        write_bytes(work / f"{figure.name}.png", draw_png(figure))
+    return figure_files(folder, (figure.name,))
 
 
 def figure_files(folder: Path, names: tuple[str, ...]) -> list[Path]:

@@ -65,7 +65,8 @@ def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str
     """The quantities after each number of steps in MEASURED."""
     fit, seen = fit_of(subject, view, protocol), subject.seen_by(view.camera)
     deque(islice(refining(subject, fit), 2), maxlen=0)  # not measured, because the very first step loads the kernels
-    course, seconds, since = [], 0.0, time.perf_counter()
+    course: list[dict[str, float]] = []
+    seconds, since = 0.0, time.perf_counter()
     for step, look in enumerate(refining(subject, fit)):
         seconds += time.perf_counter() - since
         if step in MEASURED:

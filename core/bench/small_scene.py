@@ -137,9 +137,9 @@ def draw_light(random: np.random.Generator) -> Light:
         "evening": ([0.9, 0.3, -0.3], [0.85, 0.48, 0.25], [0.17, 0.16, 0.24], [0.85, 0.55, 0.4]),
         "grey": ([0.0, 1.0, 0.0], [0.1, 0.1, 0.1], [0.5, 0.52, 0.55], [0.7, 0.72, 0.75]),
     }
-    sun, *colours = kinds[list(kinds)[random.integers(len(kinds))]]
+    sun, *usual = kinds[list(kinds)[random.integers(len(kinds))]]
     exposure = np.exp(0.15 * random.normal())
-    colours = [np.clip(exposure * np.array(colour) * np.exp(0.05 * random.normal(size=3)), 0, 1) for colour in colours]
+    colours = [np.clip(exposure * np.array(colour) * np.exp(0.05 * random.normal(size=3)), 0, 1) for colour in usual]
     return Light(np.array(sun) + 0.2 * random.normal(size=3), *colours)
 
 

@@ -89,18 +89,19 @@ def bench(
             finish(_fixed_rendering(size, report))
             if trained is not None:
                 finish(_rendering_of(trained, size, report))
-        if trained is not None:
-            courses = _courses_of([trained.folder])
-            title, notes = f"Training {courses[0].name}", ELSEWHERE
-        else:
+        if trained is None:
             courses, title, notes = _train_presets(collection, names, size, work, report)
             trained = load_run(courses[0].folders[0]) if courses else None
-        if "baking" in names:
-            finish(baking_figure(trained, size.views, report, size.budget))
-        if "training" in names:
-            finish(training_figure(courses, title, notes))
-        if "refinement" in names and _can_be_refined(trained, report):
-            finish(refinement_figure({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report))
+        else:
+            courses = _courses_of([trained.folder])
+            title, notes = f"Training {courses[0].name}", ELSEWHERE
+        if trained is not None:  # else nothing but rendering is wanted
+            if "baking" in names:
+                finish(baking_figure(trained, size.views, report, size.budget))
+            if "training" in names:
+                finish(training_figure(courses, title, notes))
+            if "refinement" in names and _can_be_refined(trained, report):
+                finish(refinement_figure({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report))
     if not figures:
         raise BadInput("There was nothing to measure.", "Take another --only, or a run with looks.")
     _remove_older(output, replaced, figures, report)
@@ -220,7 +221,7 @@ def _train_presets(
     else:
         return [], "", ()
     is_built_in = collection is None
-    if is_built_in:
+    if collection is None:
         (folder / "photos").mkdir()
         collection = small_scene.collection(folder / "photos")
     # Otherwise the compilation of the kernels would count as time of the first preset.

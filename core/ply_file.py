@@ -19,7 +19,7 @@ IN_ASCII = bytes(range(128)) + b"?" * 128  # what each byte is read as
 class _Opened(io.FileIO):
     """A binary file for plyfile, which reads headers byte by byte and refuses any that is not ASCII, as in other programs' comments."""
 
-    def read(self, size: int = -1) -> bytes:
+    def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
         return data.translate(IN_ASCII) if len(data) == 1 else data
 

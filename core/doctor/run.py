@@ -139,8 +139,7 @@ class _Residuals:
         """settings: of the run."""
         self.settings = settings
         self.looks, self.most, self.near_bound, self.numbers = 0, 0.0, 0, 0
-        self.total: torch.Tensor | float = 0.0
-        self.squares: torch.Tensor | float = 0.0
+        self.total = self.squares = torch.zeros((), dtype=torch.float64)
 
     def add(self, residual: torch.Tensor) -> None:
         """residual: (N, C, 3) of one look."""

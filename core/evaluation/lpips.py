@@ -49,8 +49,8 @@ class Lpips(nn.Module):
             kernel = torch.from_numpy(np.array(layer["kernel"], dtype=np.float32)).permute(3, 2, 0, 1).contiguous()
             stride, padding = (1, kernel.shape[-1] // 2) if stage else (FIRST_STRIDE, FIRST_PADDING)
             convolution = nn.Conv2d(kernel.shape[1], kernel.shape[0], kernel.shape[-1], stride, padding)
-            convolution.weight.data = kernel
-            convolution.bias.data = torch.from_numpy(np.array(layer["bias"], dtype=np.float32))
+            convolution.weight = nn.Parameter(kernel)
+            convolution.bias = nn.Parameter(torch.from_numpy(np.array(layer["bias"], dtype=np.float32)))
             self.convolutions.append(convolution)
         heads = [weights[f"NetLinLayer_{stage}"]["Conv_0"]["kernel"] for stage in range(len(POOLINGS))]
         self.heads = [torch.from_numpy(np.array(head, dtype=np.float32)).reshape(1, -1, 1, 1) for head in heads]

@@ -47,10 +47,9 @@ class Row:
 
 def row_of(view: ViewPictures, note: str) -> Row:
     """The row of a view. note: text beside its name, such as its figures."""
-    masked = view.mask is not None
-    mask = (_mask_picture(view.mask, tile_size(view.photo)),) if masked else ()
-    tiles = tile(view.photo), tile(view.render), *mask, tile(error_picture(view.photo, view.render))
-    return Row(f"{view.name}  {note}", view.look, tiles, masked)
+    masks = () if view.mask is None else (_mask_picture(view.mask, tile_size(view.photo)),)
+    tiles = tile(view.photo), tile(view.render), *masks, tile(error_picture(view.photo, view.render))
+    return Row(f"{view.name}  {note}", view.look, tiles, masked=bool(masks))
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:

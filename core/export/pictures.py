@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
+from PIL import Image
 from torch import Tensor
 
 from core.errors import WegsError
@@ -46,9 +47,8 @@ class KeptPictures(Sequence):
     def __len__(self) -> int:
         return len(self.paths)
 
-    def __getitem__(self, number: int) -> UInt8[np.ndarray, "h w 3"]:
-        data = np.frombuffer(self.paths[number].read_bytes(), np.uint8)  # imread would end the program at a path that is not in UTF-8
-        return cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    def __getitem__(self, number: int) -> UInt8[np.ndarray, "h w 3"]:  # type: ignore[override]  # no slices
+        return np.array(Image.open(self.paths[number]))  # OpenCV would end the program at a path that is not in UTF-8
 
 
 def tile_size(picture: UInt8[np.ndarray, "h w 3"]) -> tuple[int, int]:
@@ -87,7 +87,7 @@ def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Non
         if file != file.encode(errors="replace").decode():  # OpenCV would end the program
             raise WegsError(f"{path} could not be written: its path is not in UTF-8.", "Use the frames instead.")
         for codec in VIDEO_CODECS:
-            writer = cv2.VideoWriter(file, cv2.VideoWriter_fourcc(*codec), min(len(frames) / VIDEO_SECONDS, MOST_FPS), (width, height))
+            writer = cv2.VideoWriter(file, cv2.VideoWriter.fourcc(*codec), min(len(frames) / VIDEO_SECONDS, MOST_FPS), (width, height))
             if writer.isOpened():
                 break
         else:

@@ -93,7 +93,7 @@ def read_ply(path: Path) -> Splats:
     vertices = read_rows(path, "3DGS .ply")
     if not len(vertices):
         raise BadInput(f"{path} holds no Gaussians.", "Export it again.")
-    names = vertices.dtype.names
+    names = vertices.dtype.names or ()
     rest = sum(name.startswith("f_rest_") for name in names)
     degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
     if degree is None:

@@ -95,8 +95,10 @@ def test_a_video_plays_in_browsers_where_opencv_can_write_such(tmp_path, monkeyp
     class Writer:
         """OpenCV's writer, built without some codecs."""
 
+        fourcc = cv2.VideoWriter.fourcc
+
         def __init__(self, path, code, *rest):
-            has = code not in [cv2.VideoWriter_fourcc(*name) for name in lacking]
+            has = code not in [self.fourcc(*name) for name in lacking]
             self.writer = made(path, code, *rest) if has else made()
 
         def __getattr__(self, name):
@@ -118,6 +120,8 @@ def test_a_video_may_have_a_colon_in_its_path(tmp_path, monkeypatch):
 def test_a_video_that_was_cut_short_is_noticed(tmp_path, monkeypatch):
     class FullDisk:
         """OpenCV's writer where the disk is full: no error, and a file without its end."""
+
+        fourcc = cv2.VideoWriter.fourcc
 
         def __init__(self, path, *_):
             self.path = path

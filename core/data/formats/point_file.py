@@ -40,4 +40,4 @@ def _white(channel: np.ndarray) -> float:
 
 def _has_numbers(rows: np.ndarray, columns: tuple[str, ...]) -> bool:
     """Whether these columns exist and hold numbers, not lists."""
-    return all(name in rows.dtype.names and rows.dtype[name].kind in "fiu" for name in columns)
+    return all(name in (rows.dtype.names or ()) and rows.dtype[name].kind in "fiu" for name in columns)

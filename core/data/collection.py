@@ -57,7 +57,7 @@ class Photo:
     @staticmethod
     def from_outside(path: Path, camera: Camera, mask: Path | None) -> "Photo":
         """A photo file that is in no collection. mask: white where it is to be used; all of it for None."""
-        return Photo(path.name, path, camera, "test", mask=mask and GivenMask(mask))
+        return Photo(path.name, path, camera, "test", mask=None if mask is None else GivenMask(mask))
 
     def same_split_and_camera(self, other: "Photo") -> bool:
         """Whether both have the same split and, up to rounding, which differs between processors, the same camera."""

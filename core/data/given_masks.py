@@ -108,8 +108,8 @@ def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Le
 
 
 def size_for_mask(photo: Photo) -> tuple[int, int]:
-    """The size of the picture that the photo's mask was drawn on: the photo, or the original that it is an undistorted copy of."""
-    lens = photo.mask.lens
+    """The size of the picture that a mask of the photo is drawn on: the photo, or the original that it is an undistorted copy of."""
+    lens = None if photo.mask is None else photo.mask.lens
     return (photo.camera.width, photo.camera.height) if lens is None else (lens.width, lens.height)
 
 

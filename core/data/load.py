@@ -57,7 +57,7 @@ def find_kind(path: Path) -> str:
     Raises BadInput for anything else.
     """
     check_is_folder(path)
-    scene, kind = scene_of(path) or (None, None)
+    scene, kind = scene_of(path) or (path, None)
     if kind in POSED:
         if not scene.is_dir():
             fix = f"Move it back, or write where it is now into {path / MARK}, as its scene."
@@ -129,7 +129,7 @@ def find_photos(path: Path) -> Path:
     """The folder of plain photos: `path`, or images/, input/ or photos/ in it, whichever holds most. Raises BadInput if none holds any."""
     counts = count_photos(path)
     if any(counts.values()):
-        return max(counts, key=counts.get)  # the first of equals
+        return max(counts, key=counts.__getitem__)  # the first of equals
     if lacks_photos(path):
         fix = "Give the folder above it that holds the photos as well."
         raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)

@@ -16,13 +16,13 @@ STOPS = (signal.SIGINT, signal.SIGTERM)
 @contextmanager
 def _signals_deferred() -> Iterator[None]:
     """Signals are delivered at the end of the block, to the handlers that were set before it."""
-    arrived = []
-    former = {number: signal.signal(number, lambda number, _: arrived.append(number)) for number in STOPS}
+    arrived: list[int] = []
+    former = {stop: signal.signal(stop, lambda number, _: arrived.append(number)) for stop in STOPS}
     try:
         yield
     finally:
-        for number, handler in former.items():
-            signal.signal(number, handler or signal.SIG_DFL)
+        for stop, handler in former.items():
+            signal.signal(stop, handler or signal.SIG_DFL)
     for number in arrived:
         signal.raise_signal(number)
 

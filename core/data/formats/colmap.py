@@ -73,7 +73,7 @@ def read_colmap(root: Path) -> Posed:
     reconstruction = read_model(model)
     names, garbled = names_in(reconstruction)
     not_named = name_them("of the model whose name is not in UTF-8, not used", garbled)
-    found = [image for number in sorted(names, key=names.get) if (image := reconstruction.images[number]).has_pose]
+    found = [image for number in sorted(names, key=names.__getitem__) if (image := reconstruction.images[number]).has_pose]
     if not found:
         why = f": {not_named[0].text}" if not_named else ""
         raise BadInput(f"{model} has no photos with a pose{why}.", "Run COLMAP again, or type: wegs sfm PHOTOS -o SCENE")
@@ -89,7 +89,7 @@ def read_colmap(root: Path) -> Posed:
         notes.append(Note(f"The photos in {images} are used: {why}.", harmless=True))
     names_used = Counter(image.name for image in found)
     notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
-    photos, found_notes = with_files_found([posed_photo(image, images) for image in found], [images])
+    photos, found_notes = with_files_found([posed_photo(reconstruction, image, images) for image in found], [images])
     notes += found_notes
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
     known = {os.path.abspath(path) for path in (*(photo.path for photo in photos), *(images / name for name in garbled))}
@@ -110,10 +110,10 @@ def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], l
     return names, sorted(garbled)
 
 
-def posed_photo(image: pycolmap.Image, images: Path) -> PosedPhoto:
-    """What the model says of an image, whose photo lies in the folder `images`."""
+def posed_photo(model: pycolmap.Reconstruction, image: pycolmap.Image, images: Path) -> PosedPhoto:
+    """What the model says of one of its images, whose photo lies in the folder `images`."""
     pose = image.cam_from_world()
-    camera = copy(image.camera)  # the model's own is freed with the model
+    camera = copy(model.cameras[image.camera_id])  # the model's own is freed with the model
     with np.errstate(invalid="ignore", over="ignore"):  # a photo with an impossible pose is left out later, by core.data.placing
         length = np.linalg.norm(pose.rotation.quat)
         if abs(length - 1) > LENGTH_SLACK:

@@ -123,7 +123,8 @@ def point_table(model: pycolmap.Reconstruction, folder: Path) -> PointTable:
     row_of = np.empty_like(order)
     row_of[order] = np.arange(len(order))
     observed = np.repeat(row_of, points["photos"].astype(np.int64))
-    return PointTable(*(points[field][order] for field in ("id", "position", "colour")), observers, observed)
+    ids, positions, colours = (points[field][order] for field in ("id", "position", "colour"))
+    return PointTable(ids, positions, colours, observers, observed)
 
 
 def _points_file(folder: Path) -> Path | None:

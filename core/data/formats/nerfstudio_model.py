@@ -39,14 +39,17 @@ def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, 
     if points is None:
         raise BadInput("it has no usable points.")
     names, _ = names_in(reconstruction)
-    posed = {name: posed_photo(image, model) for number, name in names.items() if (image := reconstruction.images[number]).has_pose}
+    posed = {name: posed_photo(reconstruction, image, model) for number, name in names.items() if (image := reconstruction.images[number]).has_pose}
     listed, _ = rows_that_mean((photo.path.as_posix() for photo in photos), set(posed))
-    named = {photo.name: names.get(image_ids.get(photo.path)) or listed.get(photo.path.as_posix()) for photo in photos}
-    pairs = [(posed[named[photo.name]], photo) for photo in photos if named[photo.name] in posed]
+    of_id = {path: names[number] for path, number in image_ids.items() if number in names}
+    found = ((photo.name, of_id.get(photo.path) or listed.get(photo.path.as_posix())) for photo in photos)
+    named = {ours: theirs for ours, theirs in found if theirs is not None}
+    pairs = [(posed[named[photo.name]], photo) for photo in photos if named.get(photo.name) in posed]
     positions = _moved(points.positions, pairs) if 2 * len(pairs) > len(photos) else None
     if positions is None:
         raise BadInput("its photos or poses are not those of the scene.")
-    seen = points.seen and {ours: points.seen.get(theirs, np.empty(0, np.int64)) for ours, theirs in named.items()}
+    nothing = {photo.name: np.empty(0, np.int64) for photo in photos}
+    seen = points.seen and nothing | {ours: points.seen[theirs] for ours, theirs in named.items() if theirs in points.seen}
     return Points(positions, points.colours, seen), notes
 
 
@@ -62,7 +65,7 @@ def _moved(points: np.ndarray, pairs: Sequence[tuple[PosedPhoto, PosedPhoto]]) -
     left, _, right = np.linalg.svd(rotations.sum(axis=0))
     turn = left @ right
     middle, wanted_middle = centres.mean(axis=0), wanted.mean(axis=0)
-    scale = np.linalg.norm(wanted - wanted_middle) / max(np.linalg.norm(centres - middle), LEAST_SPREAD)
+    scale = np.linalg.norm(wanted - wanted_middle) / max(float(np.linalg.norm(centres - middle)), LEAST_SPREAD)
 
     def move(positions: np.ndarray) -> np.ndarray:
         return scale * (positions - middle) @ turn.T + wanted_middle

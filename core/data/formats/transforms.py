@@ -60,7 +60,8 @@ def read_blender(root: Path) -> Posed:
     reading = _Reading(root)
     source = root / BLENDER_FILES["train"]
     facts = _read_json(source)
-    training, held_out, holding_out = reading.photos(source, facts), [], source
+    training, holding_out = reading.photos(source, facts), source
+    held_out: list[PosedPhoto] = []
     there = [root / BLENDER_FILES[split] for split in ("test", "val") if (root / BLENDER_FILES[split]).is_file()]
     for path in there:
         if held_out:

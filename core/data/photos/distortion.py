@@ -62,8 +62,8 @@ def folds_over(camera: pycolmap.Camera) -> bool:
     """Whether no ray leads to some pixel of the photo, because the lens formula folds over before it; tested along the edge."""
     along = np.linspace(0, 1, 17)
     edge = np.concatenate([np.column_stack([along, np.full(17, side)]) for side in (0, 1)])
-    pixels = np.concatenate([edge, edge[:, ::-1]]) * (camera.width, camera.height)
-    directions = np.column_stack([camera.cam_from_img(pixels), np.ones(len(pixels))])
+    pixels: np.ndarray = np.concatenate([edge, edge[:, ::-1]]) * (camera.width, camera.height)
+    directions: np.ndarray = np.column_stack([camera.cam_from_img(pixels), np.ones(len(pixels))])
     return not bool((np.linalg.norm(camera.img_from_cam(directions) - pixels, axis=1) < ROUND_TRIP_PX).all())  # True for NaN
 
 
@@ -131,7 +131,10 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
         block = slice(top, top + x.shape[0])
         source = source.reshape(*x.shape, 2)
         fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))  # as many channels as OpenCV remaps at once
-        found = [cv2.remap(four, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE) for four in fours]
+        found = [
+            cv2.remap(four, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]  # stubs want two maps
+            for four in fours
+        ]
         picture[block] = np.dstack(found)
         valid[block] = inside.reshape(x.shape)
     return picture, valid

@@ -22,6 +22,7 @@ from PIL.TiffImagePlugin import (
     STRIPOFFSETS,
     TILEBYTECOUNTS,
     TILEOFFSETS,
+    TiffImageFile,
 )
 
 from core.errors import BadInput
@@ -138,7 +139,7 @@ def _is_misread(picture: Image.Image) -> bool:
     """Whether Pillow would misread the brightness: with more than 16 bits a channel, and in some TIFFs of 16 bits."""
     if picture.mode in ("I", "F"):
         return True
-    if picture.format != "TIFF" or 16 not in picture.tag_v2.get(BITSPERSAMPLE, ()):
+    if not isinstance(picture, TiffImageFile) or 16 not in picture.tag_v2.get(BITSPERSAMPLE, ()):
         return False
     channels_apart = picture.tag_v2.get(PLANAR_CONFIGURATION) == 2 and picture.tag_v2.get(COMPRESSION, 1) == 1
     return channels_apart or picture.tag_v2.get(PHOTOMETRIC_INTERPRETATION) == 0  # 0 is white
@@ -146,13 +147,13 @@ def _is_misread(picture: Image.Image) -> bool:
 
 def _header(data: mmap.mmap, picture: Image.Image) -> Header:
     """Pillow turns HEIF and TIFF upright when it decodes them, and reports the size of a TIFF as displayed even before that."""
-    if picture.format == "TIFF":
+    if isinstance(picture, TiffImageFile):
         size = picture.size[::-1] if swaps_sides(picture.tag_v2.get(ORIENTATION, 1)) else picture.size
         return Header("TIFF", *size, _orientation(picture.getexif()), b"", _profile(picture))
     exif = picture.info.get("exif", b"")
     if picture.format == "PNG" and not exif:
         exif = _exif_at_the_end(data)
-    return Header(picture.format, *picture.size, _orientation(tags_of(exif)), exif, _profile(picture))
+    return Header(str(picture.format), *picture.size, _orientation(tags_of(exif)), exif, _profile(picture))
 
 
 def _orientation(tags: Image.Exif) -> int:
@@ -198,8 +199,8 @@ def _changes_colours(profile: bytes) -> bool:
     except ImageCms.PyCMSError:
         return False
     with suppress(ImageCms.PyCMSError):
-        shown = ImageCms.profileToProfile(COLOURS, known, ImageCms.createProfile("sRGB"))
-        return max(most for _, most in ImageChops.difference(shown, COLOURS).getextrema()) > UNSEEN
+        shown = ImageCms.buildTransform(known, ImageCms.createProfile("sRGB"), "RGB", "RGB").apply(COLOURS)
+        return max(ImageChops.difference(shown, COLOURS).tobytes()) > UNSEEN
     return True
 
 
@@ -222,6 +223,7 @@ def _webp_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
 
 def _tiff_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
     """Whether it holds all strips or tiles of its picture."""
+    assert isinstance(picture, TiffImageFile)
     places = zip((STRIPOFFSETS, TILEOFFSETS), (STRIPBYTECOUNTS, TILEBYTECOUNTS), strict=True)
     parts = [part for starts, lengths in places for part in zip(picture.tag_v2.get(starts, ()), picture.tag_v2.get(lengths, ()), strict=True)]
     return bool(parts) and all(start + length <= len(data) for start, length in parts)

@@ -11,8 +11,8 @@ def fill(pixels: UInt8[np.ndarray, "h w 3"], use: Bool[np.ndarray, "h w"]) -> UI
     Pull-push (Gortler et al. 1996, The Lumigraph, section 3.4): known colours are averaged down to a single pixel, and holes
     are filled on the way back from the coarser level. Time is linear in the number of pixels, however large the holes.
     """
-    weights = [use.astype(np.float32)]
-    colours = [pixels * weights[0][..., None]]
+    weights: list[np.ndarray] = [use.astype(np.float32)]
+    colours: list[np.ndarray] = [pixels * weights[0][..., None]]
     while max(weights[-1].shape) > 1:
         size = tuple((side + 1) // 2 for side in weights[-1].shape[::-1])
         weights.append(cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))

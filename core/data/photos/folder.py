@@ -41,7 +41,7 @@ def _list_files(folder: Path, suffixes: tuple[str, ...], chosen: Callable[[Path]
 
 def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
     """Each file that equals an earlier one of `paths` byte for byte -> that one. Only files with the same start are read to the end."""
-    copies = {}
+    copies: dict[Path, Path] = {}
     for same_size in _alike(paths, lambda path: path.stat().st_size):
         for same_start in _alike(same_size, lambda path: digest(path, START_BYTES)):
             for original, *others in _alike(same_start, digest):
@@ -67,7 +67,7 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     if names_wegs(folder):
         return BadInput(f"{name} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
     if below := photos_below(folder):
-        most_first = [str(inner.relative_to(folder)) for inner in sorted(below, key=below.get, reverse=True)]
+        most_first = [str(inner.relative_to(folder)) for inner in sorted(below, key=below.__getitem__, reverse=True)]
         if len(most_first) == 1:
             return BadInput(f"{name} holds {what}; there are photos in its folder {most_first[0]}.", "Name that folder.")
         fix = "Put all photos into one folder, or name one of these."

@@ -8,12 +8,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from core.data.collection import Photo
+from core.data.collection import GivenMask, Photo
 from core.data.photos import distortion
 from core.data.photos.file import Header, bad_photo, probe, swaps_sides
 from core.data.photos.fill import fill
 from core.data.photos.stored import as_stored, read_stored, upright
 from core.errors import BadInput
+from core.scene.camera import Camera
+from core.scene.lens import Lens
 
 OVERSAMPLING = 2  # photos are undistorted at up to this times the wanted size: slow beyond, blurred below
 OPAQUE = 250  # of 255; programs that blend or convert leave opaque pixels a little below
@@ -79,13 +81,13 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
         pixels = np.dstack([pixels, 255 - alpha])  # a fourth channel, to be turned, undistorted and resized with the colours
     if photo.mask is not None:
         displayed = pixels.shape[:2] if swaps_sides(header.orientation) else pixels.shape[1::-1]
-        use = as_stored(read_mask(photo.mask.path, displayed, photo), header.orientation)
+        use = as_stored(_read_given_mask(photo.mask, displayed, photo.camera), header.orientation)
         valid = use if valid is None else valid & use
     if photo.lens is None:
         pixels = upright(pixels, header.orientation)
         valid = None if valid is None else upright(valid, header.orientation)
     else:
-        pixels, valid = _undistort(pixels, valid, photo, header, (width, height))
+        pixels, valid = _undistort(pixels, valid, photo.lens, photo.camera, header, (width, height))
     pixels, valid = _resize(pixels, width, height), _resize_valid(valid, width, height)
     empty = pixels[..., 3] if pixels.shape[2] == 4 else None
     pixels = np.ascontiguousarray(pixels[..., :3])
@@ -98,13 +100,25 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     return LoadedPhoto(pixels, valid, empty)
 
 
-def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> np.ndarray:
+def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
     """(H, W) bool: where the mask of a photo is white, resized to the photo's `size` (as displayed) by nearest pixel.
 
-    photo: the photo of a collection that the mask belongs to. If its mask has a lens, the mask is undistorted as the photo was, and all is used
-    beyond the mask's edges. Transparent pixels are not white: many programs save selections so. Where the file is a photo with its
-    background cut out, its transparency is the mask. Raises BadInput like `read_pixels`, and for a mask that is grey or coloured.
+    Transparent pixels are not white: many programs save selections so. Where the file is a photo with its background cut out, its transparency
+    is the mask. Raises BadInput like `read_pixels`, and for a mask that is grey or coloured.
     """
+    return cv2.resize(_white_in(path), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
+
+
+def _read_given_mask(mask: GivenMask, size: tuple[int, int], camera: Camera) -> np.ndarray:
+    """As `read_mask`, of the photo that `camera` took. A mask with a lens is undistorted as the photo was, and all is used beyond its edges."""
+    if mask.lens is None:
+        return read_mask(mask.path, size)
+    found, seen = distortion.undistort(255 * _white_in(mask.path)[..., None], mask.lens, camera.resized(*size))
+    return (found[..., 0] >= 128) | ~seen
+
+
+def _white_in(path: Path) -> np.ndarray:
+    """(h, w) uint8, at the size of the file and as displayed: 1 where the mask is white, 0 elsewhere."""
     with _called_a_mask():
         header, pixels, alpha = read_stored(path)
     shade = pixels[..., 0].astype(np.uint16) + pixels[..., 1] + pixels[..., 2]
@@ -115,11 +129,7 @@ def read_mask(path: Path, size: tuple[int, int], photo: Photo | None = None) -> 
             raise BadInput(f"The mask {path} is none: {grey:.0%} of its pixels are neither black nor white.", MEANING)
         shade[:] = 3 * 255  # a cut-out
     shade = shade if alpha is None else shade * (alpha / 255)
-    white = upright((shade >= 3 * 128).astype(np.uint8), header.orientation)
-    if photo is not None and photo.mask.lens is not None:
-        found, seen = distortion.undistort(255 * white[..., None], photo.mask.lens, photo.camera.resized(*size))
-        return (found[..., 0] >= 128) | ~seen
-    return cv2.resize(white, size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
+    return upright((shade >= 3 * 128).astype(np.uint8), header.orientation)
 
 
 def mask_size(path: Path) -> tuple[int, int]:
@@ -158,19 +168,21 @@ def off_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return np.rint(255 - (255 - pixels) / share).clip(0, 255).astype(np.uint8)
 
 
-def _undistort(pixels: np.ndarray, valid: np.ndarray | None, photo: Photo, header: Header, wanted: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Stored pixels -> the pinhole picture as displayed, at up to OVERSAMPLING times the size `wanted`, and where it is valid."""
+def _undistort(
+    pixels: np.ndarray, valid: np.ndarray | None, lens: Lens, camera: Camera, header: Header, wanted: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stored pixels -> the pinhole picture that `camera` sees, as displayed, at up to OVERSAMPLING times the size `wanted`, and where it is valid."""
     channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]
     most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if swaps_sides(header.orientation) else wanted))
     if pixels.shape[1] > most[0] and pixels.shape[0] > most[1]:
         layers = [_resize(layer, *most) for layer in layers]  # one by one: OpenCV averages over four channels at most
     pixels = np.dstack(layers)
-    if photo.lens.orientation == 1:  # the lens is that of the picture as displayed
+    if lens.orientation == 1:  # the lens is that of the picture as displayed
         pixels = upright(pixels, header.orientation)
     height, width = pixels.shape[:2]
-    if swaps_sides(photo.lens.orientation):
+    if swaps_sides(lens.orientation):
         width, height = height, width
-    found, seen = distortion.undistort(pixels, photo.lens, photo.camera.resized(width, height))
+    found, seen = distortion.undistort(pixels, lens, camera.resized(width, height))
     if valid is not None:
         seen &= found[..., channels] == 255
     return found[..., :channels], seen

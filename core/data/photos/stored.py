@@ -88,5 +88,6 @@ def _in_srgb(picture: Image.Image, profile: bytes) -> Image.Image:
     if profile:
         of_its_kind = picture if picture.mode in ("L", "CMYK") else picture.convert("L" if picture.mode in GREYS else "RGB")
         with suppress(ImageCms.PyCMSError):
-            return ImageCms.profileToProfile(of_its_kind, BytesIO(profile), ImageCms.createProfile("sRGB"), outputMode="RGB")
+            to_srgb = ImageCms.buildTransform(BytesIO(profile), ImageCms.createProfile("sRGB"), of_its_kind.mode, "RGB")
+            return to_srgb.apply(of_its_kind)
     return picture if picture.mode == "RGB" else picture.convert("RGB")

@@ -97,6 +97,11 @@ def _number(work: Path, names: list[str]) -> None:
     pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)
 
 
+def images_in(database: pycolmap.Database) -> dict[str, pycolmap.Image]:
+    """What the database says of its images, by name."""
+    return {image.name: image for image in database.read_all_images()}
+
+
 def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO) -> None:
     """Match the pairs of photos; the matches go into the database.
 

@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 from pycolmap import TwoViewGeometryConfiguration as Configuration
 
-from core.data.sfm.features import DATABASE, LEAST_INLIERS, PAIR_BYTES, USUAL_RATIO
+from core.data.sfm.features import DATABASE, LEAST_INLIERS, PAIR_BYTES, USUAL_RATIO, images_in
 from core.data.sfm.room import check_growth
 from core.kernels.compiled import kernel
 from core.report import Report
@@ -38,11 +38,11 @@ class Features(NamedTuple):
 def guide(work: Path, pairs: Sequence[tuple[str, str]], report: Report) -> None:
     """Replace the matches of each pair in the database that has a geometry by guided ones. A second call changes nothing."""
     with pycolmap.Database.open(work / DATABASE) as database:
-        numbers = {image.name: image.image_id for image in database.read_all_images()}
+        images = images_in(database)
         for start in range(0, len(pairs), PAIRS_AT_ONCE):
             some = pairs[start : start + PAIRS_AT_ONCE]
             check_growth(work / DATABASE, len(some) * PAIR_BYTES)
-            _guide_some(database, [(numbers[first], numbers[second]) for first, second in some])
+            _guide_some(database, [(images[first].image_id, images[second].image_id) for first, second in some])
             report.progress("Guided matches", start + len(some), len(pairs))
 
 
@@ -72,6 +72,7 @@ def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoView
     at_points, n = geometry.config in AT_POINTS, len(first.pixels)
     nearest, partner = np.full((n + len(second.pixels), 2), FAR, np.int32), np.full(n + len(second.pixels), -1, np.int32)
     matrix = geometry.H if at_points else _fundamental(first, second, geometry)
+    assert matrix is not None  # COLMAP stores what the configuration says
     most_alike_near(*first[:2], *second[:2], matrix.astype(np.float32), at_points, np.float32(NEAR_PX**2), nearest, partner)
     clear = (nearest[:, 0] <= LARGEST**2) & (nearest[:, 0] < USUAL_RATIO**2 * nearest[:, 1])
     partners = partner[:n]
@@ -79,7 +80,7 @@ def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoView
     return np.column_stack([chosen, partners[chosen]]).astype(np.uint32)
 
 
-def _fundamental(first: Features, second: Features, geometry: pycolmap.TwoViewGeometry) -> np.ndarray:
+def _fundamental(first: Features, second: Features, geometry: pycolmap.TwoViewGeometry) -> np.ndarray | None:
     """F; for calibrated photos computed from E, which is more certain than an F estimated beside it."""
     if geometry.config == Configuration.UNCALIBRATED:
         return geometry.F

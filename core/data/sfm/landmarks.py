@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from core.data.collection import Collection, Photo, spread_over
 from core.data.formats.model_file import quiet
-from core.data.sfm.features import DATABASE, MASKS, extract, write_pictures
+from core.data.sfm.features import DATABASE, MASKS, extract, images_in, write_pictures
 from core.report import Report
 from core.scene.frame import SceneFrame
 from core.system.atomic import replacing, scratch
@@ -70,8 +70,9 @@ def landmarks_of(collection: Collection, report: Report) -> Landmarks:
         pictures = write_pictures([(photo, photo.camera) for photo in known], work, report)
         extract(work, list(pictures), report, work / MASKS)
         with pycolmap.Database.open(work / DATABASE) as database:
+            images = images_in(database)
             for name, (photo, camera) in pictures.items():
-                number = database.read_image_with_name(name).image_id
+                number = images[name].image_id
                 seen, _ = camera.project(collection.points[photo.points])
                 descriptors.append(database.read_descriptors(number).data)
                 # If no point is near, the tree returns the number of points: the index of the NO_POINT appended here.

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 import torch
 
-from core.data.sfm.features import DATABASE
+from core.data.sfm.features import DATABASE, images_in
 from core.report import Report
 from core.system.threads import in_parallel
 
@@ -92,8 +92,9 @@ def count_alike(first: np.ndarray, second: np.ndarray) -> int:
 def _largest_features(work: Path, names: list[str]) -> list[np.ndarray]:
     features = []
     with pycolmap.Database.open(work / DATABASE) as database:
+        images = images_in(database)
         for name in names:
-            number = database.read_image_with_name(name).image_id
+            number = images[name].image_id
             shapes = database.read_keypoints(number).reshape(-1, 6)[:, 2:]  # 2 x 2, its columns as long as the feature is large
             order = np.argsort(-np.hypot(shapes[:, 0], shapes[:, 2]), kind="stable")[:LARGEST_FEATURES]
             descriptors = database.read_descriptors(number).data[order].astype(np.float32)

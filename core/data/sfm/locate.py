@@ -1,5 +1,6 @@
 """Locates a photo from outside a collection: its camera, from features matched with the collection's landmarks (pycolmap, CPU)."""
 
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from core.data.collection import Photo
 from core.data.formats.model_file import quiet
 from core.data.photos.file import probe
 from core.data.placing import focal_length_of, is_usual
-from core.data.sfm.features import DATABASE, JPEG_QUALITY, MASKS, PHOTOS, SEED, extract, match, write_picture
+from core.data.sfm.features import DATABASE, JPEG_QUALITY, MASKS, PHOTOS, SEED, extract, images_in, match, write_picture
 from core.data.sfm.landmarks import NEAR_PX, NO_POINT, Landmarks
 from core.report import Report
 from core.scene.camera import Camera
@@ -81,7 +82,7 @@ def _matched(work: Path, landmarks: Landmarks, report: Report) -> tuple[np.ndarr
     match(work, [(QUERY, name) for name in rows], report, verify=False)
     pairs = [np.zeros((0, 2), dtype=np.int64)]  # feature of the query, point
     with pycolmap.Database.open(work / DATABASE) as database:
-        query = database.read_image_with_name(QUERY).image_id
+        query = images_in(database)[QUERY].image_id
         for name, row in rows.items():
             feature, landmark = database.read_matches(query, numbers[name]).T
             pairs.append(np.column_stack([feature, landmarks.shows[row][landmark]]))
@@ -102,12 +103,11 @@ def _add(database: pycolmap.Database, name: str, descriptors: np.ndarray) -> int
 
 def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
     """A pinhole of this size (px), with the focal length of the photo's EXIF if it gives one."""
-    try:
+    length, known = USUAL_FOCAL_LENGTH, False
+    with suppress(ValueError):  # a format that COLMAP does not read
         said = pycolmap.infer_camera_from_image(path)
-    except ValueError:  # a format that COLMAP does not read
-        said = None
-    known = said is not None and said.has_prior_focal_length
-    length = focal_length_of(said) if known else USUAL_FOCAL_LENGTH
+        if said.has_prior_focal_length:
+            length, known = focal_length_of(said), True
     params = [length * max(width, height), width / 2, height / 2]
     lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=params)
     lens.has_prior_focal_length = known

@@ -106,7 +106,9 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
     numbers = {path: number for number, path in enumerate(paths, 1)}
-    copies, originals, twice, turned = {}, {}, [], 0
+    copies: dict[str, str] = {}
+    originals: dict[Path, str] = {}
+    twice, turned = [], 0
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, StoredTwice):
             twice.append(photo.what.rstrip("."))

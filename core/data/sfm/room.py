@@ -10,7 +10,7 @@ import pycolmap
 try:
     import resource
 except ImportError:  # Windows
-    resource = None
+    resource = None  # type: ignore[assignment]  # a module that may be missing
 
 SPARE_BYTES = 16 << 20  # that are left on the disk
 # In a model's files, at most: a point, a photo that sees it; a photo with its name, a feature of it.

@@ -8,7 +8,7 @@ import pycolmap
 from core.data.collection import Photo, spread_over
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import rays
-from core.data.sfm.features import DATABASE, LEAST_PHOTOS, MASKS, PHOTOS, SEED, extract, match, write_pictures
+from core.data.sfm.features import DATABASE, LEAST_PHOTOS, MASKS, PHOTOS, SEED, extract, images_in, match, write_pictures
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
@@ -65,9 +65,9 @@ def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
         alike = forward @ forward[number] > np.cos(np.radians(MOST_DEGREES))
         alike[number] = False
         rows = np.flatnonzero(alike)
-        rows = rows[np.argsort(np.linalg.norm(centres[rows] - centres[number], axis=1), kind="stable")]
-        chosen = (*rows[:NEAREST], *spread_over(rows[NEAREST:], SPREAD))
-        pairs |= {(max(number, int(other)), min(number, int(other))) for other in chosen}
+        nearest_first = rows[np.argsort(np.linalg.norm(centres[rows] - centres[number], axis=1), kind="stable")].tolist()
+        chosen = (*nearest_first[:NEAREST], *spread_over(nearest_first[NEAREST:], SPREAD))
+        pairs |= {(max(number, other), min(number, other)) for other in chosen}
     return sorted(pairs)
 
 
@@ -88,8 +88,9 @@ def _known(work: Path, cameras: dict[str, tuple[Photo, Camera]]) -> pycolmap.Rec
     """The model without points, in which photos and cameras have their ids from the database."""
     known = pycolmap.Reconstruction()
     with pycolmap.Database.open(work / DATABASE) as database:
+        images = images_in(database)
         for name, (_, camera) in cameras.items():
-            image = database.read_image_with_name(name)
+            image = images[name]
             params = [camera.fx, camera.fy, camera.cx, camera.cy]
             size = {"width": camera.width, "height": camera.height}
             lens = pycolmap.Camera(camera_id=image.camera_id, model="PINHOLE", **size, params=params)
@@ -106,7 +107,7 @@ def _keep_epipolar(work: Path, cameras: dict[str, tuple[Photo, Camera]], pairs: 
     """Keep the matches that agree with the cameras; returns their share of all, 1 if there are none."""
     total = kept = 0
     with pycolmap.Database.open(work / DATABASE) as database:
-        numbers = {name: database.read_image_with_name(name).image_id for name in cameras}
+        numbers = {name: image.image_id for name, image in images_in(database).items()}
         pixels = {name: database.read_keypoints(number)[:, :2].astype(np.float64) for name, number in numbers.items()}
         for first, second in pairs:
             found = database.read_matches(numbers[first], numbers[second])

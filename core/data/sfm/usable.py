@@ -40,6 +40,7 @@ def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path,
     fullest_first = sorted(paths, key=lambda path: ranks[path.name])
     copies, pictures = copies_among(fullest_first), Pictures()
     for done, path in enumerate(fullest_first, 1):
+        found: UsablePhoto | BadInput
         try:
             if path in copies:
                 raise StoredTwice(f"{path.name} is a copy of {copies[path].name}.")

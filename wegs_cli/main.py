@@ -5,9 +5,12 @@ import importlib.util
 import os
 import signal
 import sys
+from collections.abc import Callable
 from importlib import import_module
+from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
+from typing import Any, NoReturn
 
 import click
 
@@ -28,10 +31,10 @@ INTERRUPTED = 130  # what shells report for Ctrl-C
 class OneLineErrors(click.Command):
     """A command that ends with one line and an exit code, not a traceback, where the user can correct what went wrong."""
 
-    def main(self, args=None, prog_name=None, at_end=lambda: None, **extra):
+    def main(self, *args: Any, at_end: Callable[[], None] = lambda: None, **extra: Any) -> NoReturn:
         """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C. at_end: called before the one line."""
         try:
-            code = super().main(args, prog_name, **(extra | {"standalone_mode": False}))
+            code = super().main(*args, **(extra | {"standalone_mode": False}))
         except click.exceptions.NoArgsIsHelpError as help_wanted:
             help_wanted.show()
             sys.exit(help_wanted.exit_code)
@@ -73,7 +76,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         if isinstance(problem, click.NoSuchOption) and problem.option_name == "--memory":
             advice = " It goes before the command: wegs --memory GIB train ..."
         message = problem.format_message().replace("float range", "number").replace("integer range", "whole number")  # click's names of types
-        if message.startswith("Got unexpected extra argument") and any("--run" in parameter.opts for parameter in context.command.params):
+        if message.startswith("Got unexpected extra argument") and context and any("--run" in each.opts for each in context.command.params):
             advice = f" A run is named by --run.{advice}"
         stop = "" if message.endswith((".", "?")) else "."
         return " ".join(message.split()) + stop + advice, problem.exit_code
@@ -171,7 +174,8 @@ def run() -> None:
     # Streams are None if they were closed, as some schedulers do.
     sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115 - open to the end
     for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(errors="backslashreplace")  # a character that the terminal cannot show appears as its code
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a character that the terminal cannot show appears as its code
     # SIGTERM, from job schedulers and `kill`, is treated as Ctrl-C: half-written files and folders are removed, a training is kept.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup

@@ -33,11 +33,8 @@ class OutputPath(click.Path):
     """A path to write. If a `..` in it follows a folder that does not exist yet, the path is resolved; otherwise it would seem new although
     what it leads to may exist."""
 
-    def __init__(self):
-        super().__init__(path_type=Path)
-
     def convert(self, value, param, ctx):
-        path = super().convert(value, param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         climbed = [Path(*path.parts[:place]) for place, part in enumerate(path.parts) if part == ".."]
         return path if all(folder.exists() for folder in climbed) else Path(os.path.realpath(path))
 
@@ -186,7 +183,8 @@ def _value_of(item: Field, text: str) -> Any:
     """The text as a value of the Settings field `item`; AUTO where that is allowed."""
     if item.metadata["auto"] and text == AUTO:
         return AUTO
+    kind: Any = item.type
     try:
-        return click.BOOL(text) if item.type is bool else item.type(text)
+        return click.BOOL(text) if kind is bool else kind(text)
     except (ValueError, click.BadParameter):
         raise wrong_kind(item, text) from None

@@ -29,7 +29,7 @@ class Pipe(Console):
     """A rich console that leaves a broken pipe to its Terminal; rich itself would end the program."""
 
     def on_broken_pipe(self) -> NoReturn:
-        raise sys.exception()
+        raise BrokenPipeError
 
 
 @contextmanager
@@ -78,10 +78,10 @@ class Terminal(Report):
     @_reader_may_leave()
     def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
         note = on_one_line(note)
-        self._advance_bar(what, done, total, note, done / max(total, 1) if share is None else share)
+        bar = self._advanced_bar(what, done, total, note, done / max(total, 1) if share is None else share)
         if not self.console.is_terminal and (done == total or time.monotonic() - self.told >= PLAIN_SECONDS):
             self.told = time.monotonic()
-            left = self.bar.tasks[0].time_remaining
+            left = bar.tasks[0].time_remaining
             estimate = f", {timedelta(seconds=ceil(left))} left" if left else ""
             click.echo(f"{what} {done}/{total}{estimate}  {note}".rstrip())
 
@@ -105,8 +105,8 @@ class Terminal(Report):
         else:
             self.console.print(grid)
 
-    def _advance_bar(self, what: str, done: int, total: int, note: str, share: float) -> None:
-        """Begin or move the bar: its length is the share of the time, beside it stands the count of parts. It is not drawn in a log file."""
+    def _advanced_bar(self, what: str, done: int, total: int, note: str, share: float) -> Progress:
+        """The bar, begun or moved on: its length is the share of the time, beside it stands the count of parts. It is not drawn in a log file."""
         if self.bar is None or what != self.what or share < self.bar.tasks[0].completed:  # the last: the same work, begun on another thing
             self._end_bar()
             name, count = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[count]}", markup=False)
@@ -119,6 +119,7 @@ class Terminal(Report):
             self.bar.add_task(what, total=1.0, count="", note="")
             self.what = what
         self.bar.update(self.bar.task_ids[0], completed=share, count=f"{done}/{total}", note=note)
+        return self.bar
 
     def _end_bar(self, if_full: bool = False) -> None:
         """Stop drawing the bar. if_full: only a full one, which would otherwise be drawn again below every line that follows."""

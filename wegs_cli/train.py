@@ -45,7 +45,7 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        if resume:
+        if settings is None:
             pipeline.resume(output, terminal)
         else:
             pipeline.train(scene or Path("."), settings, output, terminal, force=force, masks=masks)
@@ -61,7 +61,7 @@ def _refuse_what_resuming_ignores(scene: Path | None, output: Path | None) -> No
         for parameter in context.command.params
         if parameter.name not in ("resume", "output") and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
     ]
-    if given == ["SCENE"] and output is None and names_wegs(scene):
+    if scene is not None and given == ["SCENE"] and output is None and names_wegs(scene):
         fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
         raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
     if given:

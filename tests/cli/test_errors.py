@@ -175,6 +175,12 @@ def test_a_program_without_a_terminal_works_all_the_same():
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_the_program_runs_where_another_program_catches_what_it_prints():
+    program = "import io, sys; sys.stdout = io.StringIO(); from wegs_cli.main import run; run()"
+    done = subprocess.run([sys.executable, "-c", program, "--version"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize(
     "typed, advice",
     [

@@ -12,15 +12,18 @@ from core.setting import AUTO, UNDECIDED, checked, setting
 
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels per photo at -r auto: what a step can afford there
 LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
-# 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left) and Liberty (65 left),
-# 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB
-# zero-shot: the encoder then knows its photos by heart, as where Sacre-Coeur's 8 are seen 750 times each instead of 375 (- 0.2 / - 0.6 dB).
+# 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left)
+# and Liberty (65 left), 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only
+# 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB zero-shot: the encoder then knows its photos by heart, as where
+# Sacre-Coeur's 8 are seen 750 times each instead of 375 (- 0.2 / - 0.6 dB).
 STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
-# 76 steps and 506 Gaussians per photo instead of 38 and 253, with twice the embedding and the transfer's width, gained on held-out ones of
-# 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 592 photos gain 0 / 0.5 / 0.04 over a third of both (README).
-# 2.6 times as many Gaussians per pixel gained nothing on 65 photos of Liberty at full size.
+# 76 steps and 506 Gaussians per photo instead of 38 and 253, with twice the embedding and the transfer's width, gained
+# on held-out ones of 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 592 photos gain 0 / 0.5 /
+# 0.04 over a third of both (README). 2.6 times as many Gaussians per pixel gained nothing on 65 photos of Liberty at
+# full size.
 STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
-# Where there are looks, they are learned first: otherwise dark or bright Gaussians before single cameras explain the light.
+# Where there are looks, they are learned first: otherwise dark or bright Gaussians before single cameras explain the
+# light.
 WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
 
@@ -38,33 +41,45 @@ class Settings:
 
     steps: int = setting(
         UNDECIDED,
-        f"Training steps; every schedule is a fraction of them. auto: {STEPS_PER_PHOTO} per training photo, at least {LEAST['steps']:,} and at most "
+        "Training steps; every schedule is a fraction of them. "
+        f"auto: {STEPS_PER_PHOTO} per training photo, at least {LEAST['steps']:,} and at most "
         f"{STEPS_FOR_FEW:,}; {STEPS_PER_PHOTO_OF_MANY} per photo where that is more.",
         low=1,
         auto=True,
         section="The run",
     )
     seed: int = setting(0, "Random seed.", low=0, high=2**63 - 1)
-    device: str = setting("auto", "Where to compute. auto: an NVIDIA GPU if torch finds one.", choices=("auto", "cpu", "cuda"))
-    backend: str = setting("auto", "Rasterizer. auto: the device's own. reference: slow, for tests.", choices=("auto", "reference", "cpu", "cuda"))
+    device: str = setting(
+        "auto", "Where to compute. auto: an NVIDIA GPU if torch finds one.", choices=("auto", "cpu", "cuda")
+    )
+    backend: str = setting(
+        "auto",
+        "Rasterizer. auto: the device's own. reference: slow, for tests.",
+        choices=("auto", "reference", "cpu", "cuda"),
+    )
     resolution: int = setting(
         UNDECIDED,
-        "Size of the photos in training. 1, 2, 4 or 8: divided by that; larger numbers: a width in px. auto: shrunk to a mean of "
+        "Size of the photos in training. 1, 2, 4 or 8: divided by that; larger numbers: a width in px. "
+        "auto: shrunk to a mean of "
         f"{AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
         low=1,
         auto=True,
     )
-    all_photos: bool = setting(False, "Train on the held-out photos, too: a better scene, but nothing is left to measure it on.")
+    all_photos: bool = setting(
+        False, "Train on the held-out photos, too: a better scene, but nothing is left to measure it on."
+    )
     max_gaussians: int = setting(
         UNDECIDED,
-        f"Upper limit on the number of Gaussians, not counting the sky. auto: one per {PIXELS_PER_GAUSSIAN} pixels of all training "
+        "Upper limit on the number of Gaussians, not counting the sky. "
+        f"auto: one per {PIXELS_PER_GAUSSIAN} pixels of all training "
         f"photos together, or {GAUSSIANS_PER_PHOTO} per photo if that is more; at least {LEAST['max_gaussians']:,}.",
         low=1,
         auto=True,
     )
     sh_degree: int = setting(
         UNDECIDED,
-        "Degree of the spherical harmonics, 0 to 3. auto: 0 or 1, by whether colours in the photos depend on the viewing direction.",
+        "Degree of the spherical harmonics, 0 to 3. "
+        "auto: 0 or 1, by whether colours in the photos depend on the viewing direction.",
         low=0,
         high=3,
         auto=True,
@@ -72,38 +87,55 @@ class Settings:
 
     appearance: str = setting(
         AUTO,
-        "How looks may differ between photos: off = not at all, exposure = by an affine colour map, full = by SH transfer. auto: the photos decide.",
+        "How looks may differ between photos: off = not at all, exposure = by an affine colour map, "
+        "full = by SH transfer. auto: the photos decide.",
         choices=(AUTO, "off", "exposure", "full"),
         section="Parts of the method",
     )
-    transients: str = setting(AUTO, "Whether passers-by (transients) are masked. auto: the photos decide.", choices=(AUTO, "off", "on"))
+    transients: str = setting(
+        AUTO, "Whether passers-by (transients) are masked. auto: the photos decide.", choices=(AUTO, "off", "on")
+    )
     sky: str = setting(
         AUTO,
-        "What stands behind everything: a far dome of Gaussians, or nothing. auto: nothing where transparent pixels are empty.",
+        "What stands behind everything: a far dome of Gaussians, or nothing. "
+        "auto: nothing where transparent pixels are empty.",
         choices=(AUTO, "none", "dome"),
     )
     transparency: str = setting(
         AUTO,
-        "What transparent pixels mean: unseen = nobody saw what is there, empty = nothing is. auto: empty in a Blender scene without a dome.",
+        "What transparent pixels mean: unseen = nobody saw what is there, empty = nothing is. "
+        "auto: empty in a Blender scene without a dome.",
         choices=(AUTO, "unseen", "empty"),
     )
-    embedding: str = setting("encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo"))
+    embedding: str = setting(
+        "encoder", "Where a photo's embedding comes from: the encoder, or a table (GLO).", choices=("encoder", "glo")
+    )
     mask: str = setting(
         "attention",
         "What predicts the mask: the encoder's attention, a separate CNN, an MLP over (photo, u, v).",
         choices=("attention", "cnn", "mlp"),
     )
     colour_bands: int = setting(
-        4, "Horizontal bands of a photo whose mean colours enter its embedding, beside its features; 0: none (paper).", low=0, high=64
+        4,
+        "Horizontal bands of a photo whose mean colours enter its embedding, beside its features; 0: none (paper).",
+        low=0,
+        high=64,
     )
     channel_attention: bool = setting(True, "Channel attention (CAM) in the encoder.")
     residual: bool = setting(True, "The SH transfer predicts a residual, not the coefficients themselves.")
     detach_sh: bool = setting(False, "Stop the gradient into the base SH through the SH transfer.")
-    exposure_jitter: float = setting(0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1)
+    exposure_jitter: float = setting(
+        0.15, "Spread (log) of the random exposure and white balance a photo gets in training.", low=0, high=1
+    )
 
     # The sizes that a look has were chosen by the table in core/TRIED.md, "Capacity of a look".
     embedding_size: int = setting(32, "Numbers in a photo's embedding.", low=1, high=1024, section="Sizes")
-    latent_size: int = setting(16, "Learned numbers per Gaussian for the SH transfer, on top of SH and position; 0: none (paper).", low=0, high=1024)
+    latent_size: int = setting(
+        16,
+        "Learned numbers per Gaussian for the SH transfer, on top of SH and position; 0: none (paper).",
+        low=0,
+        high=1024,
+    )
     embedding_enters: str = setting(
         "output",
         "Where the embedding enters the SH transfer: as weights of its output layer, or as an input (paper).",
@@ -114,42 +146,67 @@ class Settings:
     position_octaves: int = setting(4, "Octaves of the positional encoding of centres.", low=0, high=16)
     sh_octaves: int = setting(
         0,
-        "Octaves of the positional encoding of base SH. From sh_degree 2 on they need embedding_enters=input, or training falls apart.",
+        "Octaves of the positional encoding of base SH. "
+        "From sh_degree 2 on they need embedding_enters=input, or training falls apart.",
         low=0,
         high=16,
     )
     residual_bound: float = setting(4.0, "Largest residual of an SH coefficient.", low=0.1, high=1_000_000)
-    encoder_side_px: int = setting(144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096)
+    encoder_side_px: int = setting(
+        144, "Photos are squeezed to a square of this side before the encoder, never enlarged.", low=16, high=4096
+    )
     sky_gaussians: int = setting(1500, "Gaussians of the sky's dome.", low=12, high=20_000)
-    sky_radius: float = setting(30.0, "Least radius of the sky's dome; it grows to enclose all cameras but those far astray.", low=2, high=20_000)
+    sky_radius: float = setting(
+        30.0,
+        "Least radius of the sky's dome; it grows to enclose all cameras but those far astray.",
+        low=2,
+        high=20_000,
+    )
 
-    ssim_weight: float = setting(0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses")
+    ssim_weight: float = setting(
+        0.2, "Share of 1 - SSIM in the picture loss; the rest is L1.", low=0, high=1, section="Losses"
+    )
     mask_loss: str = setting(
         "weighted",
-        "How masks enter the picture loss: weighting the maps, or multiplying the pictures, whose error then teaches them (paper).",
+        "How masks enter the picture loss: weighting the maps, or multiplying the pictures, "
+        "whose error then teaches them (paper).",
         choices=("weighted", "paper"),
     )
     mask_regularisation: float = setting(
-        0.00625, "Weight of mean((1 - M)^2) (L_regM); mask_loss=paper takes more, such as 0.15, or masks hide everything.", low=0, high=1_000_000
+        0.00625,
+        "Weight of mean((1 - M)^2) (L_regM); mask_loss=paper takes more, such as 0.15, or masks hide everything.",
+        low=0,
+        high=1_000_000,
     )
     sh_regularisation: float = setting(0.001, "Weight of the mean residual norm (L_regSH).", low=0, high=1_000_000)
-    transient_regularisation: float = setting(1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0, high=1_000_000)
+    transient_regularisation: float = setting(
+        1e-5, "Weight of the summed opacity of Gaussians seen where M < 0.5 (L_regTS).", low=0, high=1_000_000
+    )
     gauge: float = setting(0.01, "Weight that holds the residual of the mean embedding at zero.", low=0, high=1_000_000)
 
     mean_rate: float = setting(
-        8e-4, "Learning rate of centres, decaying to a hundredth; scene units per step.", low=0, high=1, section="Learning rates (Adam)"
+        8e-4,
+        "Learning rate of centres, decaying to a hundredth; scene units per step.",
+        low=0,
+        high=1,
+        section="Learning rates (Adam)",
     )
     quaternion_rate: float = setting(2e-3, "Learning rate of quaternions.", low=0, high=1)
     scale_rate: float = setting(8e-3, "Learning rate of log scales.", low=0, high=1)
     opacity_rate: float = setting(4e-2, "Learning rate of logit opacities.", low=0, high=1)
     sh_rate: float = setting(5e-3, "Learning rate of DC coefficients; the other bands get a twentieth.", low=0, high=1)
-    network_rate: float = setting(4e-3, "Learning rate of the SH transfer and the mask, decaying to a tenth.", low=0, high=1)
+    network_rate: float = setting(
+        4e-3, "Learning rate of the SH transfer and the mask, decaying to a tenth.", low=0, high=1
+    )
     encoder_rate: float = setting(5e-4, "Learning rate of the encoder, decaying to a tenth.", low=0, high=1)
-    embedding_rate: float = setting(1e-2, "Learning rate of GLO embeddings and latents, decaying to a tenth.", low=0, high=1)
+    embedding_rate: float = setting(
+        1e-2, "Learning rate of GLO embeddings and latents, decaying to a tenth.", low=0, high=1
+    )
 
     densify_from: float = setting(
         UNDECIDED,
-        f"Fraction at which growth starts. auto: {WITH_LOOKS['densify_from']}, or {WITHOUT_LOOKS['densify_from']:g} without looks.",
+        "Fraction at which growth starts. auto: "
+        f"{WITH_LOOKS['densify_from']}, or {WITHOUT_LOOKS['densify_from']:g} without looks.",
         low=0,
         high=1,
         auto=True,
@@ -160,7 +217,8 @@ class Settings:
     largest_scale: float = setting(0.15, "Gaussians larger than this are removed, scene units.", low=0.001)
     reach: float = setting(
         4.0,
-        "Gaussians farther from SfM points than this many times the points' spacing there (at least the median) are removed; 0 keeps all.",
+        "Gaussians farther from SfM points than this many times the points' spacing there (at least the median) "
+        "are removed; 0 keeps all.",
         low=0,
     )
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
@@ -172,12 +230,22 @@ class Settings:
         high=1,
         auto=True,
     )
-    remove_veils: bool = setting(True, "After growth, remove Gaussians that hardly cover any photo but much of what a camera beside it would see.")
+    remove_veils: bool = setting(
+        True,
+        "After growth, remove Gaussians that hardly cover any photo but much of what a camera beside it would see.",
+    )
     remove_passers_by: bool = setting(
-        True, "After growth, remove Gaussians that masks hide in one or two photos, if photos are enough to learn masks."
+        True,
+        "After growth, remove Gaussians that masks hide in one or two photos, if photos are enough to learn masks.",
     )
 
-    coarse_until: float = setting(0.2, "Fraction of the steps on shrunken photos, at first a quarter of the size.", low=0, high=1, section="Schedule")
+    coarse_until: float = setting(
+        0.2,
+        "Fraction of the steps on shrunken photos, at first a quarter of the size.",
+        low=0,
+        high=1,
+        section="Schedule",
+    )
     geometry_from: float = setting(
         UNDECIDED,
         "Fraction at which the geometry begins to move; until then only looks are learned. "
@@ -189,7 +257,10 @@ class Settings:
     mask_start: float = setting(0.2, "Fraction at which the mask begins to learn.", low=0, high=1)
     mask_apply: float = setting(0.6, "Fraction from which the mask weights the picture loss.", low=0, high=1)
     latents_from: float = setting(
-        0.6, "Fraction at which latents begin to learn; sooner they would learn passers-by, whom the mask hides by then.", low=0, high=1
+        0.6,
+        "Fraction at which latents begin to learn; sooner they would learn passers-by, whom the mask hides by then.",
+        low=0,
+        high=1,
     )
     held_out_checks: int = setting(4, "Times held-out quality is measured on the way.", low=0, high=1_000_000)
     checkpoints: int = setting(4, "Checkpoints written on the way.", low=1, high=1_000_000)
@@ -200,16 +271,25 @@ class Settings:
         if self.transparency == "empty" and self.sky == "dome":
             raise BadSetting("transparency=empty with sky=dome: a dome leaves nothing empty.", "Leave one of them out.")
         if self.densify_from > self.densify_until:
-            raise BadSetting(f"densify_from={self.densify_from} is after densify_until={self.densify_until}.", "Growth must start first.")
+            raise BadSetting(
+                f"densify_from={self.densify_from} is after densify_until={self.densify_until}.",
+                "Growth must start first.",
+            )
         if self.mask_start > self.mask_apply:
-            raise BadSetting(f"mask_start={self.mask_start} is after mask_apply={self.mask_apply}.", "A mask must learn before it hides.")
+            raise BadSetting(
+                f"mask_start={self.mask_start} is after mask_apply={self.mask_apply}.",
+                "A mask must learn before it hides.",
+            )
 
     def changed(self, **values: Any) -> "Settings":
         """A copy with other values; unknown names and values out of range raise BadSetting."""
         for name in values:
             if name not in FIELDS:
                 raise no_setting(name)
-        typed: dict[str, Any] = {name: UNDECIDED if FIELDS[name].metadata["auto"] and value == AUTO else value for name, value in values.items()}
+        typed: dict[str, Any] = {
+            name: UNDECIDED if FIELDS[name].metadata["auto"] and value == AUTO else value
+            for name, value in values.items()
+        }
         return replace(self, **typed)
 
     def decided(self, **answers: Any) -> "Settings":
@@ -256,52 +336,13 @@ def no_setting(name: str) -> BadSetting:
     """The error for a name that no setting has."""
     begin_so = [known for known in FIELDS if name and known.startswith(name.lower())]
     near = difflib.get_close_matches(name.lower(), FIELDS, n=1) or begin_so
-    return BadSetting(f"There is no setting {name!r}.", f"Did you mean {', '.join(near)}?" if near else "`wegs train --help` lists them.")
+    return BadSetting(
+        f"There is no setting {name!r}.",
+        f"Did you mean {', '.join(near)}?" if near else "`wegs train --help` lists them.",
+    )
 
 
 DECIDABLE = (  # what may be left to the data
     *("appearance", "transients", "sh_degree", "sky", "transparency"),
     *("steps", "max_gaussians", "geometry_from", "densify_from", "prune_contribution"),
 )
-
-# What each preset changes. Command line beats preset beats default.
-PRESETS: dict[str, dict[str, Any]] = {
-    "default": {},
-    "quick": {"steps": 1200, "max_gaussians": 20_000, "scale_rate": 2.4e-2},  # core/TRIED.md, "Learning rates"
-    "paper": {
-        "steps": 150_000,
-        "max_gaussians": 3_000_000,
-        "appearance": "full",
-        "transients": "on",
-        "sh_degree": 3,
-        "sky": "none",
-        "embedding_enters": "input",
-        "embedding_size": 16,
-        "latent_size": 0,
-        "transfer_layers": 4,
-        "transfer_width": 128,
-        "encoder_side_px": 256,
-        "mask_loss": "paper",
-        "mask_regularisation": 0.15,  # with the paper's 1e-5 every mask hides everything within a hundred steps
-        "mask_start": 0.0,
-        "mask_apply": 0.0,
-        "geometry_from": 0.0,
-        "densify_from": WITHOUT_LOOKS["densify_from"],
-        "sh_regularisation": 0.1,
-        "exposure_jitter": 0.0,
-        "colour_bands": 0,
-        "reach": 0.0,
-        "largest_scale": 1.0,
-        "prune_contribution": 0.0,
-        **dict.fromkeys(("remove_veils", "remove_passers_by"), False),
-        "gauge": 0.0,
-    },
-    "vanilla": {"appearance": "off", "transients": "off"},
-}
-
-
-def preset(name: str) -> Settings:
-    """The settings of a preset, a key of PRESETS."""
-    if name not in PRESETS:
-        raise BadSetting(f"There is no preset {name!r}.", f"Choose one of: {', '.join(PRESETS)}.")
-    return Settings().changed(**PRESETS[name])

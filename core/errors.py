@@ -33,7 +33,8 @@ class DiskFull(WegsError):
     """What was to be written found no room."""
 
 
-LESS_MEMORY = "Train on smaller photos (-r 320: 320 px wide) or with a lower --max-gaussians"  # what to do where memory runs out
+# What to do where memory runs out.
+LESS_MEMORY = "Train on smaller photos (-r 320: 320 px wide) or with a lower --max-gaussians"
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 OPENCV_NO_MEMORY = -4  # the code of a cv2.error
 
@@ -51,16 +52,22 @@ def as_disk_full(problem: BaseException, path: Path | None = None) -> DiskFull |
 
 
 def as_out_of_memory(problem: BaseException) -> WegsError | None:
-    """The error to show if `problem` means that memory ran out, for which torch and OpenCV have exceptions of their own; else None."""
+    """The error to show if `problem` means that memory ran out,
+    for which torch and OpenCV have exceptions of their own; else None."""
     of_torch = str(problem) if isinstance(problem, RuntimeError) else ""
     of_opencv = type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
     if "CUDA" in of_torch and "out of memory" in of_torch:  # torch's own words, CUDA's and Triton's
-        return WegsError("The memory of the GPU ran out.", f"{LESS_MEMORY}, or use the CPU: set CUDA_VISIBLE_DEVICES=-1.")
+        return WegsError(
+            "The memory of the GPU ran out.", f"{LESS_MEMORY}, or use the CPU: set CUDA_VISIBLE_DEVICES=-1."
+        )
     if isinstance(problem, MemoryError) or of_opencv or "can't allocate memory" in of_torch:
         return WegsError("There is not enough memory.", f"{LESS_MEMORY}, or raise --memory if it is set.")
     return None
 
 
 def command(*words: str | Path) -> str:
-    """A command line to type; a word with spaces is quoted, so that it can be pasted, and no path reads as an option."""
-    return shlex.join(f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words)
+    """A command line to type; a word with spaces is quoted, so that it can be pasted,
+    and no path reads as an option."""
+    return shlex.join(
+        f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word) for word in words
+    )

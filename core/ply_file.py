@@ -17,7 +17,8 @@ IN_ASCII = bytes(range(128)) + b"?" * 128  # what each byte is read as
 
 
 class _Opened(io.FileIO):
-    """A binary file for plyfile, which reads headers byte by byte and refuses any that is not ASCII, as in other programs' comments."""
+    """A binary file for plyfile, which reads headers byte by byte and refuses any that is not ASCII,
+    as in other programs' comments."""
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
@@ -37,7 +38,9 @@ def read_rows(path: Path, wanted: str) -> np.ndarray:
         raise BadInput(f"{path} cannot be opened: {problem.strerror}.", f"Give the path of a {wanted}.") from None
     except plyfile.PlyElementParseError as problem:
         row = f" at row {problem.row}" if problem.row is not None else ""
-        raise BadInput(f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again.") from None
+        raise BadInput(
+            f"{path} breaks off or is garbled{row}: {problem.message}.", "Copy or export it again."
+        ) from None
     except OverflowError as problem:  # text: a number that its column's type cannot hold
         raise BadInput(f"{path} is garbled: {problem}.", "Copy or export it again.") from None
     except (plyfile.PlyParseError, ValueError) as problem:
@@ -63,12 +66,15 @@ def _is_text(header: bytes) -> bool:
 
 
 def _parsed(path: Path) -> plyfile.PlyData:
-    with path.open(encoding="ascii", errors="backslashreplace") if _is_text(read_header(path)) else _Opened(path) as file:
+    with (
+        path.open(encoding="ascii", errors="backslashreplace") if _is_text(read_header(path)) else _Opened(path) as file
+    ):
         return plyfile.PlyData.read(file)
 
 
 def bytes_beyond(path: Path) -> int:
-    """How many bytes a readable file has beyond the rows that its header announces; 0 in a file of text, or with lists."""
+    """How many bytes a readable file has beyond the rows that its header announces;
+    0 in a file of text, or with lists."""
     header = read_header(path)
     end = re.search(rb"[\r\n]end_header(\r\n|\r|\n)", header)  # a line of its own: a comment may end in the word
     if end is None or _is_text(header):

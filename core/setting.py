@@ -23,7 +23,8 @@ def setting(
 ) -> Any:
     """A field of Settings: its default, its help, and the values it accepts.
 
-    auto: a number may be UNDECIDED as well. section: the heading, in lists of settings, of this one and those that follow.
+    auto: a number may be UNDECIDED as well. section:
+    the heading, in lists of settings, of this one and those that follow.
     """
     rules = {"help": help, "low": low, "high": high, "choices": choices, "auto": auto, "section": section}
     return field(default=default, metadata=rules)
@@ -44,7 +45,8 @@ def wrong_kind(item: Field, text: str) -> BadSetting:
 
 
 def checked(item: Field, value: Any) -> Any:
-    """`value`, as a float where the Settings field `item` is one: whole numbers are taken for it. BadSetting for another type or beyond its range."""
+    """`value`, as a float where the Settings field `item` is one: whole numbers are taken for it.
+    BadSetting for another type or beyond its range."""
     rules = item.metadata
     kind: Any = item.type  # a class: Settings does not postpone its annotations
     good = isinstance(value, kind) and not (kind is int and isinstance(value, bool))

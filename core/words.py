@@ -19,7 +19,8 @@ def on_one_line(text: str) -> str:
 
 @dataclass(frozen=True)
 class Note:
-    """A line for the user about what was found. harmless: nothing needs to be done. of_split: it no longer applies if no photo is held out."""
+    """A line for the user about what was found. harmless: nothing needs to be done.
+    of_split: it no longer applies if no photo is held out."""
 
     text: str
     harmless: bool = False

@@ -1,13 +1,16 @@
-"""What each part of the method is worth: the paper's ablation (its Table IV), and each difference of wegs from the paper, switched back.
+"""What each part of the method is worth: the paper's ablation (its Table IV),
+and each difference of wegs from the paper, switched back.
 
     python samples/ablation.py samples/plaza --seeds 3
     python samples/ablation.py statue_of_liberty --preset default -r 2
-    python samples/ablation.py SCENE --split val.tsv --only "no mask" --only "mask by MLP"     # to choose by, not to publish
+    python samples/ablation.py SCENE --split val.tsv --only "no mask" --only
+    "mask by MLP"     # to choose by, not to publish
 
-Each variant (samples/measurements/variants.py) is the base preset with a few settings changed; one that changes nothing is the full model.
-Runs are trained one after the other. Those finished in the output folder are not trained again, and those that were killed are resumed;
-runs there with other settings are replaced, so use a separate folder for each preset. The script prints a Markdown table for each scene and
-protocol, and writes the tables to SCENE.md and the figures of every run to SCENE.csv.
+Each variant (samples/measurements/variants.py) is the base preset with a few settings changed; one that changes nothing
+is the full model. Runs are trained one after the other. Those finished in the output folder are not trained again, and
+those that were killed are resumed; runs there with other settings are replaced, so use a separate folder for each
+preset. The script prints a Markdown table for each scene and protocol, and writes the tables to SCENE.md and the
+figures of every run to SCENE.csv.
 """
 
 import csv
@@ -50,8 +53,18 @@ GLO = "GLO has no encoder: its zero-shot look of a held-out photo is the mean em
 @arguments.resolution()
 @arguments.seeds(1, "Runs of each variant.")
 @arguments.protocol("full")
-@click.option("--only", metavar="VARIANT", multiple=True, type=click.Choice(list(VARIANTS)), help="To train beside the full model; repeatable.")
-@click.option("--split", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Hold out what this .tsv says instead.")
+@click.option(
+    "--only",
+    metavar="VARIANT",
+    multiple=True,
+    type=click.Choice(list(VARIANTS)),
+    help="To train beside the full model; repeatable.",
+)
+@click.option(
+    "--split",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Hold out what this .tsv says instead.",
+)
 @arguments.output("runs/ablation")
 def main(scenes, preset_name, steps, resolution, seeds, protocols, only, split, output) -> None:
     """Train and measure the full model and its variants on each of SCENES."""
@@ -59,7 +72,10 @@ def main(scenes, preset_name, steps, resolution, seeds, protocols, only, split, 
     variants = {name: VARIANTS[name].changes for name in VARIANTS if not only or name in only or name == FULL}
     names = [scene.resolve().name for scene in scenes]
     if twice := [name for name in names if names.count(name) > 1]:
-        raise BadInput(f"Several scenes are called {twice[0]}: their results would replace each other.", "Give each an -o of its own.")
+        raise BadInput(
+            f"Several scenes are called {twice[0]}: their results would replace each other.",
+            "Give each an -o of its own.",
+        )
     with Terminal() as terminal:
         for scene in scenes:
             scene = with_split(scene, split, output) if split else scene
@@ -71,9 +87,16 @@ def main(scenes, preset_name, steps, resolution, seeds, protocols, only, split, 
 
 
 def ablate(
-    scene: Path, base: Settings, variants: dict[str, dict[str, Any]], seeds: int, protocols: Sequence[str], folder: Path, report: Report
+    scene: Path,
+    base: Settings,
+    variants: dict[str, dict[str, Any]],
+    seeds: int,
+    protocols: Sequence[str],
+    folder: Path,
+    report: Report,
 ) -> dict[str, list[dict]]:
-    """The figures of each variant, one entry per seed. All variants are trained with one seed before the next, so that a first answer comes early.
+    """The figures of each variant, one entry per seed.
+    All variants are trained with one seed before the next, so that a first answer comes early.
 
     variants: changes of the settings `base`, by name. folder: of the runs.
     """
@@ -95,7 +118,10 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
     against = "clean" if "clean" in first["means"] else "photo"
     what = "the clean truth" if against == "clean" else "the test photos"
     seeds = "one seed" if len(of_full) == 1 else f"{len(of_full)} seeds (mean ± standard deviation)"
-    how = f"{scene}: protocol {protocol}, against {what}; {first['steps']} steps, scale {first['scale']:.2f}, {seeds}, LPIPS {first['lpips']}. "
+    how = (
+        f"{scene}: protocol {protocol}, against {what}; "
+        f"{first['steps']} steps, scale {first['scale']:.2f}, {seeds}, LPIPS {first['lpips']}. "
+    )
     if "embedding by GLO" in runs:
         how += GLO
     how += "SSIM and LPIPS are of the refined look, or of the zero-shot one where none can be refined."
@@ -108,7 +134,9 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
             differences = [a - b for a, b in zip(own, full, strict=True) if a is not None and b is not None]
             cells += [cell(own, "{:.2f}"), "" if name == FULL else cell(differences, "{:+.2f}")]
         best = "zero_shot" if scores_of(results, against, "refined", "psnr")[0] is None else "refined"
-        cells.append(" / ".join(cell(scores_of(results, against, best, metric), "{:.3f}", False) for metric in METRICS[1:]))
+        cells.append(
+            " / ".join(cell(scores_of(results, against, best, metric), "{:.3f}", False) for metric in METRICS[1:])
+        )
         cells.append(cell([result["mask_iou"] for result in results], "{:.2f}"))
         cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}"))
         cells.append(cell([result["training_seconds"] for result in results], "{:.0f}"))

@@ -3,10 +3,10 @@
     wegs train SCENE --preset vanilla -o RUN
     python samples/against_gsplat.py RUN
 
-Needs an NVIDIA GPU and gsplat. gsplat learns from the photos of RUN at the size that RUN had, from the same points, with the same picture loss and
-SH degree; learning rates, density control and schedule are its own, with either of its strategies and as many steps, then with its own 30,000. Its
-`default` strategy grows without a limit, `mcmc` up to that of RUN. Figures are means over the held-out photos, protocol full, against the clean
-truth where that is known.
+Needs an NVIDIA GPU and gsplat. gsplat learns from the photos of RUN at the size that RUN had, from the same points,
+with the same picture loss and SH degree; learning rates, density control and schedule are its own, with either of its
+strategies and as many steps, then with its own 30,000. Its `default` strategy grows without a limit, `mcmc` up to that
+of RUN. Figures are means over the held-out photos, protocol full, against the clean truth where that is known.
 """
 
 import sys
@@ -45,7 +45,13 @@ from wegs_cli.terminal import Terminal
 
 @click.command(cls=OneLineErrors)
 @arguments.run
-@click.option("--steps", "lengths", multiple=True, type=arguments.AT_LEAST_ONE, help=f"Repeatable. Default: those of RUN, and {STEPS:,}.")
+@click.option(
+    "--steps",
+    "lengths",
+    multiple=True,
+    type=arguments.AT_LEAST_ONE,
+    help=f"Repeatable. Default: those of RUN, and {STEPS:,}.",
+)
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Of gsplat's Gaussians. Default: that of RUN.")
 @arguments.json_file
 def main(run_folder: Path | None, lengths: tuple[int, ...], sh_degree: int | None, file: Path | None) -> None:
@@ -70,7 +76,9 @@ def main(run_folder: Path | None, lengths: tuple[int, ...], sh_degree: int | Non
             for name, control in CONTROLS.items():
                 method, start = f"gsplat, {name}", time.perf_counter()
                 told = partial(terminal.progress, method)
-                splats = trained_by(gsplat, control, scene, photos, steps, settings.max_gaussians, degree, settings.seed, told)
+                splats = trained_by(
+                    gsplat, control, scene, photos, steps, settings.max_gaussians, degree, settings.seed, told
+                )
                 add(method, replace(trained, splats=splats, sky=0), steps, time.perf_counter() - start)
     click.echo(markdown.table(list(rows[0]), [list(entry.values()) for entry in rows]))
 
@@ -80,7 +88,9 @@ def usable_peer(trained: TrainedRun) -> ModuleType:
     if trained.has_looks:
         raise BadInput(f"{trained.folder} has looks, which plain 3DGS has not.", "Take a run with --preset vanilla.")
     if trained.device.type != "cuda":
-        raise BadInput(f"{trained.folder} was trained on a CPU, or no GPU can be used here.", "gsplat needs an NVIDIA GPU.")
+        raise BadInput(
+            f"{trained.folder} was trained on a CPU, or no GPU can be used here.", "gsplat needs an NVIDIA GPU."
+        )
     if (found := peer.gsplat()) is None:
         raise BadInput("gsplat is not installed.", "Type: pip install gsplat")
     return found
@@ -91,7 +101,12 @@ def row(method: str, trained: TrainedRun, steps: int, seconds: float, report: Re
     if (distance := lpips.load()) is not None:
         distance.to(trained.device)
     photos = trained.collection.split("test")
-    views = [view for _, (view, _) in over_views(trained, photos, lambda view: measure(trained, view, "full", False, distance), method, report)]
+    views = [
+        view
+        for _, (view, _) in over_views(
+            trained, photos, lambda view: measure(trained, view, "full", False, distance), method, report
+        )
+    ]
     against = "clean" if all("clean" in view.scores for view in views) else "photo"
     scores = [view.scores[against]["zero_shot"] for view in views]
     found = [[getattr(score, metric) for score in scores] for metric in METRICS]

@@ -3,12 +3,14 @@
     python samples/benchmark.py                                       # everything: three minutes on two idle cores
     OMP_NUM_THREADS=1 python samples/benchmark.py step --json step.json   # one measurement, one thread, and a file
 
-step, plain-step: a training step, with everything on or off, and its parts on one thread. rasterizer: forward + backward of a garden;
-plain-torch: the same by a rasterizer in plain torch. gaussians, pixels: how time and memory grow with their number. threads: two against one.
-bake: a look, beside its matrix products. first-use: compiling the kernels. samples/measurements describes each in detail.
+step, plain-step: a training step, with everything on or off, and its parts on one thread. rasterizer: forward +
+backward of a garden; plain-torch: the same by a rasterizer in plain torch. gaussians, pixels: how time and memory grow
+with their number. threads: two against one. bake: a look, beside its matrix products. first-use: compiling the kernels.
+samples/measurements describes each in detail.
 
-CPU time is that of all threads. Each measurement runs in a separate process, so that its peak memory is its own. Kernels are compiled in the
-warm-up, and the compiler takes memory: run the script twice if you want figures of memory. The last table is Markdown.
+CPU time is that of all threads. Each measurement runs in a separate process, so that its peak memory is its own.
+Kernels are compiled in the warm-up, and the compiler takes memory: run the script twice if you want figures of memory.
+The last table is Markdown.
 """
 
 import sys
@@ -69,7 +71,9 @@ def tables(name: str, measured: dict) -> list[rich.table.Table]:
         for column in ("CPU median", "quartiles", "mean", "wall median", "share"):
             profile.add_column(column, justify="right", no_wrap=True)
         for part, spent in measured["parts"].items():
-            low, median, high, mean = (f"{1e3 * spent[figure][CPU]:.1f}" for figure in ("low", "median", "high", "mean"))
+            low, median, high, mean = (
+                f"{1e3 * spent[figure][CPU]:.1f}" for figure in ("low", "median", "high", "mean")
+            )
             share = f"{spent['mean'][CPU] / whole['mean'][CPU]:.0%}" if whole else ""
             profile.add_row(part, median, f"{low} - {high}", mean, f"{1e3 * spent['median'][WALL]:.1f}", share)
         made.append(profile)

@@ -3,9 +3,10 @@
     python samples/benchmark_cuda.py                        # everything
     python samples/benchmark_cuda.py picture --json gpu.json  # one measurement, and a file
 
-picture: forward + backward of 1,000,000 Gaussians at 1920 x 1080. baked: frames per second, also of a vanilla .ply. steps: whole
-training steps, their kernels and waits. paper: seconds per 1,000 steps of the preset `paper`, and hours for all. kernels: bandwidth
-beside that of a copy, registers, spills, occupancy. samples/measurements/on_gpu.py describes each in detail.
+picture: forward + backward of 1,000,000 Gaussians at 1920 x 1080. baked: frames per second, also of a vanilla .ply.
+steps: whole training steps, their kernels and waits. paper: seconds per 1,000 steps of the preset `paper`, and hours
+for all. kernels: bandwidth beside that of a copy, registers, spills, occupancy. samples/measurements/on_gpu.py
+describes each in detail.
 
 Times are medians by the GPU's clock (torch.cuda.Event); what is compared takes turns. The table is Markdown.
 """
@@ -41,7 +42,9 @@ def main(what: tuple[str, ...], file: Path | None) -> None:
     if file:
         check_file(file)
     if not device.can_use_gpu():
-        raise click.ClickException(f"{device.fault_of_gpu() or 'torch finds no NVIDIA GPU here'}. There is nothing to measure without one.")
+        raise click.ClickException(
+            f"{device.fault_of_gpu() or 'torch finds no NVIDIA GPU here'}. There is nothing to measure without one."
+        )
     from samples.measurements.gpu import Place
     from samples.measurements.on_gpu import MEASUREMENTS  # Triton, which is there with a GPU only
 

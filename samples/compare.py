@@ -1,11 +1,13 @@
-"""wegs and its rivals on one scene, with the same photos, limit on Gaussians, steps and renderer. Prints a table for the README.
+"""wegs and its rivals on one scene, with the same photos, limit on Gaussians, steps and renderer.
+Prints a table for the README.
 
     python samples/compare.py samples/plaza --preset quick
     python samples/compare.py SCENE -r 2 --seeds 3 --output runs/compare
 
-The rivals: plain 3DGS (`--preset vanilla --sh-degree 1`) and the affine exposure model (`--set appearance=exposure`), the latter with
-everything else of the method. What is finished in the output folder is neither trained nor measured again; runs there with other settings
-are replaced, so use a separate folder for each preset. With several seeds the table holds means, for PSNR with the standard deviation.
+The rivals: plain 3DGS (`--preset vanilla --sh-degree 1`) and the affine exposure model (`--set appearance=exposure`),
+the latter with everything else of the method. What is finished in the output folder is neither trained nor measured
+again; runs there with other settings are replaced, so use a separate folder for each preset. With several seeds the
+table holds means, for PSNR with the standard deviation.
 """
 
 import sys
@@ -44,7 +46,9 @@ def main(scene: Path, preset_name: str, resolution: int, seeds: int, protocols: 
     with Terminal() as terminal:
         for seed in range(seeds):
             for name, variant in RIVALS.items():
-                settings = arguments.settings_of(preset_name, None, **VARIANTS[variant].changes, resolution=resolution, seed=seed)
+                settings = arguments.settings_of(
+                    preset_name, None, **VARIANTS[variant].changes, resolution=resolution, seed=seed
+                )
                 folder = output / f"{scene.resolve().name}-{folder_name(name)}-seed{seed}"
                 runs[name].append(measured(scene, settings, folder, protocols, terminal))
     write_json(output / f"{scene.resolve().name}.json", runs)
@@ -52,7 +56,8 @@ def main(scene: Path, preset_name: str, resolution: int, seeds: int, protocols: 
 
 
 def table(runs: dict[str, list[dict]], protocols: Sequence[str]) -> str:
-    """Markdown: PSNR / SSIM / LPIPS against each known truth, for zero-shot and refined looks. runs: of each method, one entry per seed."""
+    """Markdown: PSNR / SSIM / LPIPS against each known truth, for zero-shot and refined looks.
+    runs: of each method, one entry per seed."""
     against = list(runs["wegs"][0]["results"][protocols[0]]["means"])
     columns = [f"{name}: {look}" for name in against for look in ("zero-shot", "refined")]
     rows = []
@@ -63,8 +68,8 @@ def table(runs: dict[str, list[dict]], protocols: Sequence[str]) -> str:
             for name in against:
                 for look in ("zero_shot", "refined"):
                     scores = {metric: scores_of(results, name, look, metric) for metric in METRICS}
-                    is_known = scores["psnr"][0] is not None
-                    cells.append(" / ".join(cell(scores[metric], "{:.2f}", metric == "psnr") for metric in METRICS) if is_known else "-")
+                    shown = " / ".join(cell(scores[metric], "{:.2f}", metric == "psnr") for metric in METRICS)
+                    cells.append("-" if scores["psnr"][0] is None else shown)
             cells.append(cell([result.get("mask_iou") for result in results], "{:.2f}"))
             cells.append(cell([result["training_seconds"] for result in results], "{:.0f}", False))
             cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}", False))

@@ -1,15 +1,19 @@
-"""Draws the README's pictures of looks: a run, from one camera, in the looks of its own photos and of photos from outside.
+"""Draws the README's pictures of looks: a run, from one camera,
+in the looks of its own photos and of photos from outside.
 
-    python samples/lights.py                                    # of the newest run of samples/plaza: lights.jpg and styles.jpg
-    python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of anyone's run
-    python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg      # without its photos
+    python samples/lights.py                                    # of the newest run of samples/plaza: lights.jpg and
+    styles.jpg python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of
+    anyone's run python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg
+    # without its photos
 
-    python samples/lights.py RUN --style 0012.jpg --style night.jpg --grid --view 0012.jpg -o grid.jpg          # as lights.jpg, of anyone's run
+    python samples/lights.py RUN --style 0012.jpg --style night.jpg --grid --view 0012.jpg -o
+    grid.jpg          # as lights.jpg, of anyone's run
 
-lights.jpg (without -o or --style): six looks, each with its photo in a corner. styles.jpg, or the file of -o: a row for each style photo (photo |
-neutral | its look | truth if it is known), and below them the looks between the first style (or neutral) and the last. If the truth is known, the
-script also prints how close the look comes to it in PSNR (dB), beside the nearest look of a training photo and the look fitted to the truth itself.
-With --renders: a row for each view, with the neutral look and each style's, but no photos, whose licences may not allow it.
+lights.jpg (without -o or --style): six looks, each with its photo in a corner. styles.jpg, or the file of -o: a row for
+each style photo (photo | neutral | its look | truth if it is known), and below them the looks between the first style
+(or neutral) and the last. If the truth is known, the script also prints how close the look comes to it in PSNR (dB),
+beside the nearest look of a training photo and the look fitted to the truth itself. With --renders: a row for each
+view, with the neutral look and each style's, but no photos, whose licences may not allow it.
 """
 
 import sys
@@ -48,24 +52,46 @@ from samples.measurements import arguments
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
-PLAZA_LOOKS = ("neutral", "0006.jpg", "0027.jpg", "0058.jpg", *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")))
+PLAZA_LOOKS = (
+    "neutral",
+    "0006.jpg",
+    "0027.jpg",
+    "0058.jpg",
+    *(str(HERE / f"plaza/styles/{s}.jpg") for s in ("noon", "dusk")),
+)
 PLAZA_VIEWS = "0006.jpg", "0040.jpg"  # held out; of lights.jpg and of styles.jpg
 TILE_PX, LARGE_PX = 180, 240  # height of each picture of the sheet, and of lights.jpg
-INSET, FRAME_PX = 0.3, 2  # height of a photo within the picture of its look, as a share of that, and the width of its white frame
+# Height of a photo within the picture of its look, as a share of that, and the width of its white frame.
+INSET, FRAME_PX = 0.3, 2
 FRAMES = 6  # of the strip
 QUALITY = 88  # of JPEG
 
 
 @click.command(cls=OneLineErrors)
 @arguments.run
-@click.option("--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]")
-@click.option("--view", "views", multiple=True, help="Photo of the run from whose camera the looks are seen.  [default: a held-out one]")
-@click.option("--grid", is_flag=True, help="Draw the looks of --style in rows of three, each with its photo in a corner.")
+@click.option(
+    "--style", "styles", multiple=True, help="Photo from outside; repeatable.  [default: the two of samples/plaza]"
+)
+@click.option(
+    "--view",
+    "views",
+    multiple=True,
+    help="Photo of the run from whose camera the looks are seen.  [default: a held-out one]",
+)
+@click.option(
+    "--grid", is_flag=True, help="Draw the looks of --style in rows of three, each with its photo in a corner."
+)
 @click.option("--renders", is_flag=True, help="Draw no photos, but the looks in a row for each --view.")
 @click.option("-o", "--output", type=arguments.PATH, help="The sheet.  [default: styles.jpg]")
 @click.option("--force", is_flag=True, help="Replace what is there.")
 def main(
-    run_folder: Path | None, styles: tuple[str, ...], views: tuple[str, ...], grid: bool, renders: bool, output: Path | None, force: bool
+    run_folder: Path | None,
+    styles: tuple[str, ...],
+    views: tuple[str, ...],
+    grid: bool,
+    renders: bool,
+    output: Path | None,
+    force: bool,
 ) -> None:
     """Draw the looks of RUN (default: the newest)."""
     trained = load_run(run_folders.find_run(run_folder))
@@ -75,7 +101,9 @@ def main(
     for path in filter(None, (lights, output)):
         check_replaceable(path, force)
     if grid and (renders or not styles):
-        raise BadInput("--grid draws the looks of --style beside their photos.", "Add --style PHOTO, and leave --renders out.")
+        raise BadInput(
+            "--grid draws the looks of --style beside their photos.", "Add --style PHOTO, and leave --renders out."
+        )
     if len(views) > 1 and not renders:
         raise BadInput("Without --renders one --view is drawn.", "Add --renders, or leave the others out.")
     if not styles and (renders or not {*PLAZA_VIEWS} <= {photo.name for photo in trained.collection.photos}):
@@ -86,12 +114,18 @@ def main(
     for style in styles:
         check_known(trained, style)
         if not (grid or renders or Path(style).is_file()):
-            raise BadInput(f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders.")
+            raise BadInput(
+                f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders."
+            )
     with Terminal() as terminal:
         words = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
         looks = {word: find_look(trained, word, report=terminal) for word in words}  # each takes seconds
         if lights is not None:
-            write_jpeg(lights, grid_of({word: looks[word] for word in PLAZA_LOOKS}, trained, trained.collection.photo(PLAZA_VIEWS[0])), terminal)
+            write_jpeg(
+                lights,
+                grid_of({word: looks[word] for word in PLAZA_LOOKS}, trained, trained.collection.photo(PLAZA_VIEWS[0])),
+                terminal,
+            )
         neutral, in_styles = looks["neutral"], {style: looks[style] for style in styles}
         if renders:
             in_a_row = neutral, *in_styles.values()
@@ -109,12 +143,16 @@ def main(
 def grid_of(looks: dict[str, Look], trained: TrainedRun, photo: Photo) -> list[list[np.ndarray]]:
     """Rows of three: the looks from the camera of `photo`, each with the photo that it was read from in a corner."""
     pictures = {word: tile(rendered(trained, look, photo), LARGE_PX) for word, look in looks.items()}
-    shown = [picture if word == "neutral" else with_inset(picture, source(trained, word)) for word, picture in pictures.items()]
+    shown = [
+        picture if word == "neutral" else with_inset(picture, source(trained, word))
+        for word, picture in pictures.items()
+    ]
     return [shown[first : first + 3] for first in range(0, len(shown), 3)]
 
 
 def sheet(trained: TrainedRun, neutral: Look, in_styles: dict[str, Look], photo: Photo) -> list[list[np.ndarray]]:
-    """Rows of pictures: one for each style photo with its look, then a strip of looks from that of the first photo to that of the last."""
+    """Rows of pictures: one for each style photo with its look,
+    then a strip of looks from that of the first photo to that of the last."""
     looks, rows = list(in_styles.values()), []
     for style, look in in_styles.items():
         row = [read_pixels(Path(style)), *(rendered(trained, shown, photo) for shown in (neutral, look))]
@@ -147,7 +185,9 @@ def source(trained: TrainedRun, word: str) -> np.ndarray:
 
 def with_inset(picture: np.ndarray, photo: np.ndarray) -> np.ndarray:
     """The picture with the photo, small and framed in white, in its lower left corner."""
-    small = np.pad(tile(photo, round(INSET * len(picture))), ((FRAME_PX,) * 2, (FRAME_PX,) * 2, (0, 0)), constant_values=255)
+    small = np.pad(
+        tile(photo, round(INSET * len(picture))), ((FRAME_PX,) * 2, (FRAME_PX,) * 2, (0, 0)), constant_values=255
+    )
     shown = picture.copy()
     shown[-len(small) :, : small.shape[1]] = small
     return shown
@@ -164,14 +204,16 @@ def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None
 
 
 def truths(trained: TrainedRun, style: str) -> dict[str, Path]:
-    """The true pictures of a synthetic scene in the light of a style photo, by the name of the photo whose view they show."""
+    """The true pictures of a synthetic scene in the light of a style photo,
+    by the name of the photo whose view they show."""
     known = {Path(photo.name).stem: photo.name for photo in trained.collection.photos}
     folder = trained.collection.root / "truth" / "styles" / Path(style).stem
     return {known[path.stem]: path for path in sorted(folder.glob("*.png")) if path.stem in known}
 
 
 def nearness(trained: TrainedRun, style: str, own: Look) -> str | None:
-    """In words, how close the look of a style photo comes to the true pictures in its light; None if these are unknown."""
+    """In words, how close the look of a style photo comes to the true pictures in its light;
+    None if these are unknown."""
     true = {name: true_view(trained, name, path) for name, path in truths(trained, style).items()}
     if not true:
         return None
@@ -188,7 +230,8 @@ def nearness(trained: TrainedRun, style: str, own: Look) -> str | None:
     nearest = max(seen, key=means.__getitem__)
     return (
         f"{Path(style).name}: {means['own']:.2f} dB from the truth in {counted(len(true), 'view')}; the nearest of "
-        f"{counted(len(seen), 'look')} of training photos ({nearest}) {means[nearest]:.2f}, neutral {means['neutral']:.2f}, "
+        f"{counted(len(seen), 'look')} of training photos ({nearest}) {means[nearest]:.2f}, "
+        f"neutral {means['neutral']:.2f}, "
         f"fitted to the truth {means.get('fitted', means['own']):.2f}"
     )
 

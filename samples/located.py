@@ -2,8 +2,9 @@
 
     python samples/located.py RUN
 
-Each held-out photo of RUN (default: the newest) is located like a file of unknown origin. By protocol `half`, its look is then read from the
-left half, refined on it with the camera that was found, and scored on the right half with the known camera.
+Each held-out photo of RUN (default: the newest) is located like a file of unknown origin. By protocol `half`, its look
+is then read from the left half, refined on it with the camera that was found, and scored on the right half with the
+known camera.
 """
 
 import sys
@@ -52,7 +53,10 @@ def main(run_folder: Path | None) -> None:
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue
-        off, decibels = off_px(found.camera, collection.photo(photo.name), collection), scores(trained, photo, found.camera)
+        off, decibels = (
+            off_px(found.camera, collection.photo(photo.name), collection),
+            scores(trained, photo, found.camera),
+        )
         agree = f"{found.agreeing} of {found.matched} features agree"
         click.echo(f"{photo.name}: {agree}, {off:.2f} px of {WIDTH_PX} off; {FIGURES.format(*decibels)}")
         rows.append((off, *decibels))
@@ -65,7 +69,8 @@ def main(run_folder: Path | None) -> None:
 
 def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
     """The median distance, in px of a picture of WIDTH_PX, between the photo's SfM points as both cameras see them."""
-    points = collection.points[photo.points] if len(photo.points) else collection.points[photo.camera.shows(collection.points)[0]]
+    rows = photo.points if len(photo.points) else photo.camera.shows(collection.points)[0]
+    points = collection.points[rows]
     height = max(1, round(WIDTH_PX * photo.camera.height / photo.camera.width))
     there, known = (each.resized(WIDTH_PX, height).project(points)[0] for each in (camera, photo.camera))
     return float(np.median(np.linalg.norm(there - known, axis=1)))
@@ -73,9 +78,13 @@ def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:
 
 @torch.no_grad()
 def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
-    """PSNR (dB) of the right half in the look of the left one: zero-shot, refined with the camera that was found, and with the known one."""
+    """PSNR (dB) of the right half in the look of the left one:
+    zero-shot, refined with the camera that was found, and with the known one."""
     view = held_out_view(trained, photo)
-    fits = [fit_of(trained, replace(view, camera=camera), "half") for camera in (found.resized(view.camera.width, view.camera.height), view.camera)]
+    fits = [
+        fit_of(trained, replace(view, camera=camera), "half")
+        for camera in (found.resized(view.camera.width, view.camera.height), view.camera)
+    ]
     looks = [Colouring(fits[0].start), *(refined(trained, fit) for fit in fits)]
     scored = fits[0].scored
     valid = None if view.valid is None else view.valid[:, scored]

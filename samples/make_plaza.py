@@ -1,4 +1,5 @@
-"""Makes samples/plaza: renders the photos and their truth, and writes their COLMAP model. Everything follows from fixed seeds.
+"""Makes samples/plaza: renders the photos and their truth, and writes their COLMAP model.
+Everything follows from fixed seeds.
 
 python samples/make_plaza.py                                    # the collection, into samples/plaza
 python samples/make_plaza.py --variant calm --output /tmp/calm  # the same views in one light, with nobody about
@@ -56,9 +57,15 @@ def _write(path: Path, picture: np.ndarray, *options: int) -> None:
 
 
 def _take(shot: Shot, output: Path, photo: str, mask: str | None, grid: int) -> tuple[Taken, float]:
-    """Take a photo with everybody in it, write it and its mask (white = what stays); returns it and the share that passers-by cover."""
+    """Take a photo with everybody in it, write it and its mask (white = what stays);
+    returns it and the share that passers-by cover."""
     picture = render(World((*static_groups(), *shot.passers_by())), shot.look, shot.view, grid)
-    _write(output / photo, to_bytes(develop(shot.look, picture.radiance), shot.look), cv2.IMWRITE_JPEG_QUALITY, shot.look.quality)
+    _write(
+        output / photo,
+        to_bytes(develop(shot.look, picture.radiance), shot.look),
+        cv2.IMWRITE_JPEG_QUALITY,
+        shot.look.quality,
+    )
     moving = picture.transient > 0
     if mask:
         _write(output / mask, np.where(moving, 0, 255).astype(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)
@@ -89,12 +96,17 @@ def _rounded(value):
 def _record(shot: Shot, **more) -> dict:
     """What looks.json says of a photo."""
     view = shot.view
-    camera = {"centre": view.centre.tolist(), "world_to_camera": view.world_to_camera.tolist(), "focal_px": view.focal_px}
+    camera = {
+        "centre": view.centre.tolist(),
+        "world_to_camera": view.world_to_camera.tolist(),
+        "focal_px": view.focal_px,
+    }
     return {**more, "look": asdict(shot.look), "camera": camera}
 
 
 def _leave_stops_to_the_parent() -> None:
-    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent ends these, and pycolmap has no chance to report it."""
+    """Ignore Ctrl-C, which reaches all processes of a terminal:
+    the parent ends these, and pycolmap has no chance to report it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
@@ -107,10 +119,14 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
         collection = shots.variant(collection, variant)
     tested = [shot for shot in collection if shot.name in test]
     central = sorted(tested, key=lambda shot: abs(shot.view.centre[0]))[:STYLE_VIEWS]
-    takes = [partial(_take, s, output, f"dense/images/{s.name}.jpg", f"truth/masks/{s.name}.png", grid) for s in collection]
+    takes = [
+        partial(_take, s, output, f"dense/images/{s.name}.jpg", f"truth/masks/{s.name}.png", grid) for s in collection
+    ]
     extra = [partial(_take, s, output, f"styles/{s.name}.jpg", None, grid) for s in styles]
     extra += [partial(_clean, s, s.look, output, f"truth/clean/{s.name}.png", grid) for s in tested]
-    extra += [partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central]
+    extra += [
+        partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central
+    ]
     results = []
     with get_context("spawn").Pool(processes, _leave_stops_to_the_parent) as pool, Terminal() as terminal:
         for result in pool.imap(_run, takes + extra):
@@ -120,22 +136,41 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
         pool.join()
     taken = results[: len(takes)]
     figures = write_model([photo for photo, _ in taken], output / "dense" / "sparse", shots.SEED)
-    rows = [f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza" for number, shot in enumerate(collection, 1)]
+    rows = [
+        f"{shot.name}.jpg\t{number}.0\t{'test' if shot.name in test else 'train'}\tplaza"
+        for number, shot in enumerate(collection, 1)
+    ]
     (output / TABLE).write_text("filename\tid\tsplit\tdataset\n" + "\n".join(rows) + "\n")
     record = {
         "model": {**figures, "scale": SCALE, "rotation": ROTATION.tolist(), "origin": ORIGIN.tolist()},
         "photos": {shot.name: _record(shot, occluded=share) for shot, (_, share) in zip(collection, taken)},
         "styles": {shot.name: _record(shot) for shot in styles},
     }
-    (output / "truth" / "looks.json").write_text(json.dumps(_rounded(record), separators=(",", ":")).replace('},"0', '},\n"0') + "\n")
+    (output / "truth" / "looks.json").write_text(
+        json.dumps(_rounded(record), separators=(",", ":")).replace('},"0', '},\n"0') + "\n"
+    )
     return f"{len(collection)} photos, {len(test)} of them test; {figures}"
 
 
 @click.command(cls=OneLineErrors)
-@click.option("-o", "--output", type=arguments.PATH, default=SAMPLE, show_default="samples/plaza", help="Folder to write.")
+@click.option(
+    "-o", "--output", type=arguments.PATH, default=SAMPLE, show_default="samples/plaza", help="Folder to write."
+)
 @click.option("--variant", type=click.Choice(list(shots.VARIANTS)), help=f"{KINDS}; needs --output.")
-@click.option("--times", type=arguments.AT_LEAST_ONE, default=1, show_default=True, help="So many times the photos of each light; needs --output.")
-@click.option("--grid", type=arguments.AT_LEAST_ONE, default=2, show_default=True, help="Sub-samples per pixel along each side; 1 is a quick look.")
+@click.option(
+    "--times",
+    type=arguments.AT_LEAST_ONE,
+    default=1,
+    show_default=True,
+    help="So many times the photos of each light; needs --output.",
+)
+@click.option(
+    "--grid",
+    type=arguments.AT_LEAST_ONE,
+    default=2,
+    show_default=True,
+    help="Sub-samples per pixel along each side; 1 is a quick look.",
+)
 @click.option("--processes", type=arguments.AT_LEAST_ONE, default=2, show_default=True, help="Processes to work in.")
 @click.option("--force", is_flag=True, help="Replace the folder if it holds such a collection.")
 def main(output: Path, variant: str | None, times: int, grid: int, processes: int, force: bool) -> None:

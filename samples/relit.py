@@ -2,10 +2,11 @@
 
     python samples/relit.py RUN
 
-RUN (default: the newest) was trained on samples/plaza, or on another collection that `make_plaza.py` made. The look of each held-out photo is
-read from the whole photo, and refined. It is scored against the empty square, ray-cast in the same light, as seen by: the photo's own camera; that
-camera moved by some metres to where no photo was taken; the three cameras of other photos with the most similar view; and three spread over all
-others. Prints the PSNR of each photo and a table of the means.
+RUN (default: the newest) was trained on samples/plaza, or on another collection that `make_plaza.py` made. The look of
+each held-out photo is read from the whole photo, and refined. It is scored against the empty square, ray-cast in the
+same light, as seen by: the photo's own camera; that camera moved by some metres to where no photo was taken; the three
+cameras of other photos with the most similar view; and three spread over all others. Prints the PSNR of each photo and
+a table of the means.
 """
 
 import json
@@ -49,12 +50,18 @@ CAMERAS = 3  # of other photos, of each kind
 TURN_M = 20.0  # metres that tell views apart as much as a turn of 90 degrees
 STEPS_M = (3.0, 8.0)  # from the photo's own camera
 WAYS = np.array([(1, 0, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1)])  # right, left, up and forward, as the camera sees it
-KINDS = ("its own", *(f"{step:.0f} m aside, above or ahead" for step in STEPS_M), "three that see most alike", "three of the others")
+KINDS = (
+    "its own",
+    *(f"{step:.0f} m aside, above or ahead" for step in STEPS_M),
+    "three that see most alike",
+    "three of the others",
+)
 
 
 @dataclass(frozen=True)
 class Standpoint:
-    """Where the scene is looked at from. camera: in the scene frame; view: the true one, in metres and at the photo's full size."""
+    """Where the scene is looked at from. camera: in the scene frame; view:
+    the true one, in metres and at the photo's full size."""
 
     camera: Camera
     view: View
@@ -62,13 +69,22 @@ class Standpoint:
 
 @click.command(cls=OneLineErrors)
 @arguments.run
-@click.option("--grid", default=2, show_default=True, type=arguments.AT_LEAST_ONE, help="Sub-samples per pixel of the truth along each side.")
+@click.option(
+    "--grid",
+    default=2,
+    show_default=True,
+    type=arguments.AT_LEAST_ONE,
+    help="Sub-samples per pixel of the truth along each side.",
+)
 def main(run_folder: Path | None, grid: int) -> None:
     """Score the looks of RUN's held-out photos as other cameras see them."""
     trained, held_out = opened(run_folder)
     record = trained.collection.root / FOLDER / "looks.json"
     if not record.is_file():
-        raise BadInput(f"{trained.folder} is of a scene whose lights are not known: there is no {record}.", "Take a run of samples/plaza.")
+        raise BadInput(
+            f"{trained.folder} is of a scene whose lights are not known: there is no {record}.",
+            "Take a run of samples/plaza.",
+        )
     truth = json.loads(record.read_text())
     metre = truth["model"]["scale"] / trained.collection.frame.radius  # in scene units
     taken = {photo.name: truth["photos"][Path(photo.name).stem] for photo in trained.collection.photos}
@@ -77,13 +93,26 @@ def main(run_folder: Path | None, grid: int) -> None:
         for done, photo in enumerate(held_out, 1):
             light = Look(**taken[photo.name]["look"])
             looks = looks_of(trained, photo)
-            own, *others = ([standpoint(trained, name, taken[name]["camera"]) for name in names] for names in cameras_beside(photo.name, taken))
+            own, *others = (
+                [standpoint(trained, name, taken[name]["camera"]) for name in names]
+                for names in cameras_beside(photo.name, taken)
+            )
             kinds = [own, *(moved(own[0], step, metre) for step in STEPS_M), *others]
-            scored.append([np.mean([scores(trained, looks, place, light, world, grid) for place in kind], axis=0) for kind in kinds])
-            figures = "; ".join(f"{kind} {zero_shot:.2f}, {refined:.2f}" for kind, (zero_shot, refined) in zip(KINDS, scored[-1], strict=True))
+            scored.append(
+                [
+                    np.mean([scores(trained, looks, place, light, world, grid) for place in kind], axis=0)
+                    for kind in kinds
+                ]
+            )
+            figures = "; ".join(
+                f"{kind} {zero_shot:.2f}, {refined:.2f}"
+                for kind, (zero_shot, refined) in zip(KINDS, scored[-1], strict=True)
+            )
             terminal.say(f"{photo.name} ({light.kind}), zero-shot and refined, dB: {figures}")
             terminal.progress("Photos", done, len(held_out))
-    rows = ((kind, *(f"{mean:.2f}" for mean in means)) for kind, means in zip(KINDS, np.mean(scored, axis=0), strict=True))
+    rows = (
+        (kind, *(f"{mean:.2f}" for mean in means)) for kind, means in zip(KINDS, np.mean(scored, axis=0), strict=True)
+    )
     click.echo(markdown.table(("camera", "zero-shot", "refined"), rows))
 
 
@@ -94,7 +123,8 @@ def looks_of(trained: TrainedRun, photo: Photo) -> list[Colouring]:
 
 
 def cameras_beside(name: str, taken: dict) -> list[list[str]]:
-    """The name of the photo itself, of those whose cameras see most alike, and of some others. taken: what looks.json says of each photo."""
+    """The name of the photo itself, of those whose cameras see most alike, and of some others.
+    taken: what looks.json says of each photo."""
 
     def apart(other: str) -> float:
         first, second = (taken[each]["camera"] for each in (name, other))
@@ -109,7 +139,9 @@ def standpoint(trained: TrainedRun, name: str, taken: dict) -> Standpoint:
     """Where the photo called `name` was taken from. taken: its camera in looks.json."""
     photo = trained.collection.photo(name)
     centre, turned = (np.array(taken[part]) for part in ("centre", "world_to_camera"))
-    return Standpoint(trained.camera(photo), View(turned, centre, taken["focal_px"], photo.camera.width, photo.camera.height))
+    return Standpoint(
+        trained.camera(photo), View(turned, centre, taken["focal_px"], photo.camera.width, photo.camera.height)
+    )
 
 
 def moved(place: Standpoint, metres: float, metre: float) -> list[Standpoint]:
@@ -124,7 +156,9 @@ def moved(place: Standpoint, metres: float, metre: float) -> list[Standpoint]:
     ]
 
 
-def scores(trained: TrainedRun, looks: Sequence[Colouring], place: Standpoint, light: Look, world: World, grid: int) -> list[float]:
+def scores(
+    trained: TrainedRun, looks: Sequence[Colouring], place: Standpoint, light: Look, world: World, grid: int
+) -> list[float]:
     """PSNR (dB) of each look, seen from a place, against the empty square in that light."""
     camera = place.camera
     truth = lit(place.view, light, world, grid)

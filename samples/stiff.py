@@ -1,9 +1,10 @@
-"""What extreme coordinates, wrong cameras and blank photos cost in quality: spoilt copies of samples/plaza, and plaza as it is.
+"""What extreme coordinates, wrong cameras and blank photos cost in quality:
+spoilt copies of samples/plaza, and plaza as it is.
 
     python samples/stiff.py --seeds 3
 
-Each case is a copy of the scene with a changed model or changed photos, trained like any other scene. Prints the zero-shot PSNR (dB) of the
-held-out photos by protocol `full`: the mean over the seeds and its standard deviation.
+Each case is a copy of the scene with a changed model or changed photos, trained like any other scene. Prints the
+zero-shot PSNR (dB) of the held-out photos by protocol `full`: the mean over the seeds and its standard deviation.
 """
 
 import shutil
@@ -31,7 +32,8 @@ from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 SCENE = Path(__file__).parent / "plaza"
-Change = Callable[[pycolmap.Reconstruction, list[Path]], None]  # of a model and the files of its training photos, in place
+# Of a model and the files of its training photos, in place.
+Change = Callable[[pycolmap.Reconstruction, list[Path]], None]
 
 
 def moved(scale: float, offset: float) -> Change:

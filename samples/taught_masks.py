@@ -2,9 +2,10 @@
 
     python samples/taught_masks.py samples/plaza
 
-The same layers (Enc1 and UNet, on their own) learn the true mask of every training photo by binary cross-entropy, with photos mirrored and
-brightened at random. How well they then mask held-out photos shows how far labels alone would lead; it is not a strict bound. Prints the mean
-mask IoU as `wegs eval` measures it, and for comparison that of a mask that looks at nothing.
+The same layers (Enc1 and UNet, on their own) learn the true mask of every training photo by binary cross-entropy, with
+photos mirrored and brightened at random. How well they then mask held-out photos shows how far labels alone would lead;
+it is not a strict bound. Prints the mean mask IoU as `wegs eval` measures it, and for comparison that of a mask that
+looks at nothing.
 """
 
 import sys
@@ -60,7 +61,9 @@ def main(scene: Path, steps: int, seeds: int) -> None:
     collection = load_collection(scene)
     train, test = (examples(collection, split) for split in ("train", "test"))
     if not train or not test:
-        raise BadInput(f"{scene} knows no masks of training and held-out photos.", "Use one that samples/make_plaza.py made.")
+        raise BadInput(
+            f"{scene} knows no masks of training and held-out photos.", "Use one that samples/make_plaza.py made."
+        )
     with Terminal() as terminal, one_torch_thread():
         overlaps = [mean_iou(taught(train, steps, seed, terminal), test) for seed in range(seeds)]
     click.echo(f"{len(train)} training photos, {len(test)} held out: mask IoU {cell(overlaps, '{:.2f}')}")

@@ -3,9 +3,10 @@
     python samples/unlike.py samples/plaza --by dark
     python samples/unlike.py statue_of_liberty --by dark -r 2
 
-The darkest (or warmest, or brightest) quarter of a scene's training photos is held out, and a run is trained on the others. Each photo of that
-quarter is then read like one from outside; its look is rendered with the photo's camera and compared with the photo where that is valid and, if
-the true masks are known, static. The scene's own held-out photos are not used.
+The darkest (or warmest, or brightest) quarter of a scene's training photos is held out, and a run is trained on the
+others. Each photo of that quarter is then read like one from outside; its look is rendered with the photo's camera and
+compared with the photo where that is valid and, if the true masks are known, static. The scene's own held-out photos
+are not used.
 """
 
 import sys
@@ -41,13 +42,19 @@ from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 # A function of a photo's mean colour; the quarter of the photos for which it is least is held out.
-LIGHTS = {"dark": lambda red, green, blue: red + green + blue, "bright": lambda *colour: -sum(colour), "warm": lambda red, _, blue: blue / red}
+LIGHTS = {
+    "dark": lambda red, green, blue: red + green + blue,
+    "bright": lambda *colour: -sum(colour),
+    "warm": lambda red, _, blue: blue / red,
+}
 SMALL_PX = 64  # width of the picture from which a photo's mean colour is taken
 
 
 @click.command(cls=OneLineErrors)
 @arguments.scene
-@click.option("--by", type=click.Choice(list(LIGHTS)), default="dark", show_default=True, help="Which photos are held out.")
+@click.option(
+    "--by", type=click.Choice(list(LIGHTS)), default="dark", show_default=True, help="Which photos are held out."
+)
 @arguments.preset
 @arguments.steps()
 @arguments.resolution()
@@ -59,16 +66,23 @@ def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: 
         trained = train(collection, settings, Path(folder), terminal)
         check_looks(trained)
         photos = [compared(trained, photo) for photo in collection.split("test")]
-    for what, chosen in (("all", photos), ("beyond the known range", [photo for photo in photos if photo.distance > 1])):
+    for what, chosen in (
+        ("all", photos),
+        ("beyond the known range", [photo for photo in photos if photo.distance > 1]),
+    ):
         means = ""
         if chosen:
-            drawn_in, with_gains = fmean(photo.drawn_in for photo in chosen), fmean(photo.with_gains for photo in chosen)
+            drawn_in, with_gains = (
+                fmean(photo.drawn_in for photo in chosen),
+                fmean(photo.with_gains for photo in chosen),
+            )
             means = f": {drawn_in:.2f} dB drawn in, {with_gains:.2f} dB with gains"
         click.echo(f"{what}, {len(chosen)} of {len(photos)} photos{means}")
 
 
 def without(collection: Collection, by: str) -> Collection:
-    """The collection without its held-out photos, a quarter of the others held out instead. Raises BadInput where these are too few for that."""
+    """The collection without its held-out photos, a quarter of the others held out instead.
+    Raises BadInput where these are too few for that."""
 
     def key(photo: Photo) -> float:
         height = max(1, SMALL_PX * photo.camera.height // photo.camera.width)
@@ -77,7 +91,10 @@ def without(collection: Collection, by: str) -> Collection:
     ranked = sorted(collection.split("train"), key=key)
     held_out = {photo.name for photo in ranked[: len(ranked) // 4]}
     if not held_out:
-        raise BadInput(f"{collection.root} has {counted(len(ranked), 'training photo')}, too few to hold out a quarter.", "Use one of 4 or more.")
+        raise BadInput(
+            f"{collection.root} has {counted(len(ranked), 'training photo')}, too few to hold out a quarter.",
+            "Use one of 4 or more.",
+        )
     left = (replace(photo, split="test" if photo.name in held_out else "train") for photo in collection.split("train"))
     return replace(collection, photos=tuple(left))
 
@@ -92,8 +109,8 @@ def train(collection: Collection, settings: Settings, folder: Path, terminal: Te
 
 @dataclass(frozen=True)
 class Compared:
-    """distance: how far out a photo's embedding lies (1: the end of the known range). drawn_in, with_gains: PSNR (dB) of the photo's look with the
-    embedding moved into that range, and with the gains of sky and place."""
+    """distance: how far out a photo's embedding lies (1: the end of the known range). drawn_in, with_gains: PSNR (dB)
+    of the photo's look with the embedding moved into that range, and with the gains of sky and place."""
 
     distance: float
     drawn_in: float
@@ -110,7 +127,9 @@ def compared(trained: TrainedRun, photo: Photo) -> Compared:
     embedding = trained.model.embedding_from_outside(picture)
     looks = Colouring(trained.known_range.nearest(embedding)), read_from_outside(trained, picture)
     images = (drawn(trained, bake(trained, Look("", "", look)), view.camera) for look in looks)
-    return Compared(trained.known_range.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images))
+    return Compared(
+        trained.known_range.distance(embedding), *(psnr(quantised(image), view.picture, scored) for image in images)
+    )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
-"""What leaving out unneeded parts costs and saves: a run with the parts that its photos need, beside the run that it should equal.
+"""What leaving out unneeded parts costs and saves:
+a run with the parts that its photos need, beside the run that it should equal.
 
     python samples/make_plaza.py --variant calm --output calm
     python samples/make_plaza.py --variant exposure --output exposure
     python samples/unneeded.py calm exposure samples/plaza --steps 1200
 
-A scene without looks is compared with plain 3DGS (`--preset vanilla`), one whose photos differ in exposure alone with the full transfer
-(`--appearance full`); one that needs every part is compared with nothing. Seconds are CPU seconds of the whole `train`, medians over --repeats,
-in which both kinds take turns; PSNR is that of the held-out photos, with looks refined on their left half.
+A scene without looks is compared with plain 3DGS (`--preset vanilla`), one whose photos differ in exposure alone with
+the full transfer (`--appearance full`); one that needs every part is compared with nothing. Seconds are CPU seconds of
+the whole `train`, medians over --repeats, in which both kinds take turns; PSNR is that of the held-out photos, with
+looks refined on their left half.
 """
 
 import sys
@@ -32,14 +34,31 @@ from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 RIVALS = {"off": "vanilla", "exposure": "full"}
-HEADER = ("scene", "decided", "PSNR dB", "CPU-s", "checkpoint + .ply MB", "beside it: PSNR", "CPU-s", "MB", "time", "bytes")
+HEADER = (
+    "scene",
+    "decided",
+    "PSNR dB",
+    "CPU-s",
+    "checkpoint + .ply MB",
+    "beside it: PSNR",
+    "CPU-s",
+    "MB",
+    "time",
+    "bytes",
+)
 
 
 @click.command(cls=OneLineErrors)
 @arguments.scenes
 @arguments.preset
 @arguments.steps(1200)
-@click.option("--repeats", default=2, show_default=True, type=arguments.AT_LEAST_ONE, help="Runs of each kind; seconds are their median.")
+@click.option(
+    "--repeats",
+    default=2,
+    show_default=True,
+    type=arguments.AT_LEAST_ONE,
+    help="Runs of each kind; seconds are their median.",
+)
 @arguments.output("runs/unneeded")
 def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, output: Path) -> None:
     """Train each of SCENES as its photos decide, and as the rival does; prints a table for the README."""
@@ -52,7 +71,8 @@ def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, o
 
 @dataclass(frozen=True)
 class Measured:
-    """A run. settings: as its photos decided. seconds: of CPU time. bytes: of its checkpoint and its .ply. psnr: of held-out photos, dB."""
+    """A run. settings: as its photos decided. seconds: of CPU time. bytes: of its checkpoint and its .ply.
+    psnr: of held-out photos, dB."""
 
     settings: Settings
     seconds: float
@@ -65,7 +85,8 @@ class Measured:
 
 
 def cells_of(scene: Path, base: Settings, repeats: int, output: Path, terminal: Terminal) -> list[str]:
-    """A scene's row of the table: the run that its photos decide, its rival if it has one, and the ratios of the two."""
+    """A scene's row of the table: the run that its photos decide, its rival if it has one,
+    and the ratios of the two."""
     name = scene.resolve().name
     auto = measure(scene, base, output / f"{name}-auto", terminal)
     decided = auto.settings
@@ -81,7 +102,13 @@ def cells_of(scene: Path, base: Settings, repeats: int, output: Path, terminal: 
         for kind in sorted(kinds, reverse=bool(repeat % 2)):  # each as often first: machines warm up and tire
             runs[kind].append(measure(scene, kinds[kind], output / f"{name}-{kind}", terminal))
     auto, rival = (replace(group[0], seconds=median(run.seconds for run in group)) for group in runs.values())
-    return [*cells, *auto.cells(), *rival.cells(), f"{auto.seconds / rival.seconds:.2f}", f"{auto.bytes / rival.bytes:.2f}"]
+    return [
+        *cells,
+        *auto.cells(),
+        *rival.cells(),
+        f"{auto.seconds / rival.seconds:.2f}",
+        f"{auto.bytes / rival.bytes:.2f}",
+    ]
 
 
 def measure(scene: Path, settings: Settings, folder: Path, terminal: Terminal) -> Measured:

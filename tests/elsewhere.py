@@ -1,7 +1,9 @@
-"""A device that is not the CPU, on a machine that has no other: tensors that say `meta` and have their numbers all the same.
+"""A device that is not the CPU, on a machine that has no other:
+tensors that say `meta` and have their numbers all the same.
 
-With it a test finds tensors that were left on the CPU: an operation that mixes the devices raises, as it would on a GPU. It
-says nothing of what a GPU computes; the numbers are the CPU's. `watched` counts what the host would start there and wait for.
+With it a test finds tensors that were left on the CPU: an operation that mixes the devices raises, as it would on a
+GPU. It says nothing of what a GPU computes; the numbers are the CPU's. `watched` counts what the host would start there
+and wait for.
 """
 
 from collections import Counter
@@ -21,7 +23,9 @@ class Elsewhere(Tensor):
 
     @staticmethod
     def __new__(cls, kept: Tensor):
-        return Tensor._make_wrapper_subclass(cls, kept.size(), strides=kept.stride(), dtype=kept.dtype, device=DEVICE, requires_grad=False)
+        return Tensor._make_wrapper_subclass(
+            cls, kept.size(), strides=kept.stride(), dtype=kept.dtype, device=DEVICE, requires_grad=False
+        )
 
     def __init__(self, kept: Tensor):
         self.kept = kept
@@ -43,7 +47,9 @@ class _Factories(TorchDispatchMode):
 
     def __torch_dispatch__(self, function, types, args=(), kwargs=None):
         kwargs = kwargs or {}
-        if kwargs.get("device") is None and not any(isinstance(leaf, Elsewhere) for leaf in tree_flatten((args, kwargs))[0]):
+        if kwargs.get("device") is None and not any(
+            isinstance(leaf, Elsewhere) for leaf in tree_flatten((args, kwargs))[0]
+        ):
             return function(*args, **kwargs)
         return run(function, args, kwargs)
 
@@ -64,15 +70,39 @@ ANSWERS = {
 MOVES = {aten._to_copy.default, aten.copy_.default}
 # Views and memory alone: nothing runs.
 NO_KERNEL = {
-    *("view", "_unsafe_view", "reshape", "slice", "select", "split", "split_with_sizes", "unbind", "permute", "transpose", "t"),
-    *("expand", "detach", "alias", "squeeze", "unsqueeze", "as_strided", "empty", "empty_like", "new_empty", "lift_fresh"),
+    *(
+        "view",
+        "_unsafe_view",
+        "reshape",
+        "slice",
+        "select",
+        "split",
+        "split_with_sizes",
+        "unbind",
+        "permute",
+        "transpose",
+        "t",
+    ),
+    *(
+        "expand",
+        "detach",
+        "alias",
+        "squeeze",
+        "unsqueeze",
+        "as_strided",
+        "empty",
+        "empty_like",
+        "new_empty",
+        "lift_fresh",
+    ),
     *("empty_strided", "new_empty_strided", "_reshape_alias", "set_", "resize_", "is_same_size", "result_type"),
 }
 
 
 @dataclass
 class Work:
-    """launches: kernels by name, an operation of torch that is no view as one; triton: those of ours among them. waits: what
+    """launches: kernels by name, an operation of torch that is no view as one; triton:
+    those of ours among them. waits: what
     the host would wait for. asked: what it asked for without waiting, and has not waited for anything since."""
 
     launches: Counter = field(default_factory=Counter)
@@ -101,7 +131,12 @@ def watched():
 def note(work: Work, function, args, kwargs, comes: bool, goes: bool) -> None:
     """comes, goes: whether the operation takes a tensor that is on DEVICE, and leaves one there."""
     name = str(function).removeprefix("aten.")
-    selects = function in (aten.index.Tensor, aten.index_put_.default, aten.index_put.default, aten._index_put_impl_.default)
+    selects = function in (
+        aten.index.Tensor,
+        aten.index_put_.default,
+        aten.index_put.default,
+        aten._index_put_impl_.default,
+    )
     masks = selects and any(index is not None and index.dtype in (torch.bool, torch.uint8) for index in args[1])
     if function in MOVES and comes != goes:
         sent_on = kwargs.get("non_blocking", False) or (function is aten.copy_.default and len(args) > 2 and args[2])
@@ -117,7 +152,8 @@ def note(work: Work, function, args, kwargs, comes: bool, goes: bool) -> None:
 
 @contextmanager
 def kernels():
-    """Inside, Triton's interpreter runs kernels on the numbers that are kept; a GPU could not reach those of another tensor."""
+    """Inside, Triton's interpreter runs kernels on the numbers that are kept;
+    a GPU could not reach those of another tensor."""
     from triton.runtime.interpreter import GridExecutor
 
     original = GridExecutor.__call__

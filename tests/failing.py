@@ -1,4 +1,5 @@
-"""What fails in a test in place of what hardly ever fails: a full disk, or a file that may not be read. (Root may read any.)"""
+"""What fails in a test in place of what hardly ever fails:
+a full disk, or a file that may not be read. (Root may read any.)"""
 
 import errno
 import os

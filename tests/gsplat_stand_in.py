@@ -1,4 +1,5 @@
-"""What scripts use of gsplat, by our rasterizer for a CPU: what is handed over comes back as the same picture, and strategies that only watch."""
+"""What scripts use of gsplat, by our rasterizer for a CPU:
+what is handed over comes back as the same picture, and strategies that only watch."""
 
 from typing import ClassVar
 
@@ -53,7 +54,9 @@ class DefaultStrategy(Watching):
     def step_pre_backward(self, parameters: dict, optimizers: dict, state: dict, step: int, info: dict) -> None:
         info["means2d"].retain_grad()
 
-    def step_post_backward(self, parameters: dict, optimizers: dict, state: dict, step: int, info: dict, packed: bool) -> None:
+    def step_post_backward(
+        self, parameters: dict, optimizers: dict, state: dict, step: int, info: dict, packed: bool
+    ) -> None:
         assert not packed and info["means2d"].grad.abs().sum() > 0
         self.steps.append(step)
 
@@ -67,6 +70,8 @@ class MCMCStrategy(Watching):
         self.rates: list[float] = []
         return {}
 
-    def step_post_backward(self, parameters: dict, optimizers: dict, state: dict, step: int, info: dict, lr: float) -> None:
+    def step_post_backward(
+        self, parameters: dict, optimizers: dict, state: dict, step: int, info: dict, lr: float
+    ) -> None:
         self.steps.append(step)
         self.rates.append(lr)

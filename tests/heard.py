@@ -7,7 +7,8 @@ from core.report import Report
 
 
 class Heard(Report):
-    """Keeps what it is told, and what was brought to its end; warnings begin with `! `, tables become lines (a header too, where there is one)."""
+    """Keeps what it is told, and what was brought to its end;
+    warnings begin with `! `, tables become lines (a header too, where there is one)."""
 
     def __init__(self):
         self.lines: list[str] = []
@@ -29,7 +30,8 @@ class Heard(Report):
 
 
 class StopsAtStep(Heard):
-    """Ends a training as it is told of its step `step`. by: an error, or a signal that the process gets, as from Ctrl-C."""
+    """Ends a training as it is told of its step `step`.
+    by: an error, or a signal that the process gets, as from Ctrl-C."""
 
     def __init__(self, step: int, by: OSError | signal.Signals = signal.SIGINT):
         super().__init__()

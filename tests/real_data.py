@@ -1,4 +1,5 @@
-"""Real photo collections for tests that are the better for them; not part of the project, so such tests skip without them."""
+"""Real photo collections for tests that are the better for them;
+not part of the project, so such tests skip without them."""
 
 from pathlib import Path
 

@@ -1,4 +1,5 @@
-"""A collection small enough to train in a test: coloured balls seen by a ring of cameras, each photo in its own light."""
+"""A collection small enough to train in a test:
+coloured balls seen by a ring of cameras, each photo in its own light."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,15 +19,25 @@ WIDTH, HEIGHT = 48, 36
 
 
 def small_settings(**changes) -> Settings:
-    """A run of seconds that still goes through growth, masks and coarse-to-fine; nothing is left to the data to decide."""
-    small = {"steps": 40, "max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encoder_side_px": 32, "checkpoints": 2}
+    """A run of seconds that still goes through growth, masks and coarse-to-fine;
+    nothing is left to the data to decide."""
+    small = {
+        "steps": 40,
+        "max_gaussians": 600,
+        "sky_gaussians": 60,
+        "densify_rounds": 4,
+        "encoder_side_px": 32,
+        "checkpoints": 2,
+    }
     return whole_settings(**small | changes)
 
 
 def whole_settings(**changes) -> Settings:
     """The defaults with a small transfer, for a scene that needs everything; on the CPU, whatever else is there."""
     small = {"device": "cpu", "embedding_size": 16, "latent_size": 0, "transfer_width": 32}
-    return Settings(**small | changes).decided(appearance="full", transients="on", sh_degree=1, sky="dome", transparency="unseen", **LEAST)
+    return Settings(**small | changes).decided(
+        appearance="full", transients="on", sh_degree=1, sky="dome", transparency="unseen", **LEAST
+    )
 
 
 def small_collection(folder: Path, photos: int = 6) -> Collection:

@@ -12,12 +12,12 @@ from click.testing import CliRunner
 
 from core import pipeline
 from core.appearance import refinement
-from core.config import PRESETS
 from core.data import load_collection
 from core.errors import BadInput
 from core.evaluation import lpips
 from core.looks.trained import load_run
 from core.pipeline import training
+from core.presets import PRESETS
 from samples import ablation, compare
 from samples.measurements import finished
 from samples.measurements.variants import FULL, VARIANTS
@@ -27,7 +27,14 @@ from tests.small import small_collection, small_settings
 PLAZA = Path(ablation.__file__).parent / "plaza"
 # In three steps no mask comes down to hide a Gaussian, and nothing drifts before cameras.
 NEED_LONGER_RUNS = ("no L_regTS", "veils stay (paper)", "passers-by stay (paper)")
-TINY = {"steps": 3, "max_gaussians": 300, "densify_rounds": 1, "checkpoints": 3, "held_out_checks": 0, "mask_start": 0.0}
+TINY = {
+    "steps": 3,
+    "max_gaussians": 300,
+    "densify_rounds": 1,
+    "checkpoints": 3,
+    "held_out_checks": 0,
+    "mask_start": 0.0,
+}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -92,7 +99,10 @@ def test_a_finished_variant_is_not_measured_again_and_a_stopped_one_is_resumed(s
     for scene, output in ((tmp_path / "mistyped", folder), (small_scene, tmp_path / "run.json" / "run")):
         with pytest.raises(BadInput, match="no folder|not a folder"):
             finished.measured(scene, settings, output, ("full",), heard)
-    assert finished.measured(small_scene, settings, folder, ("full",), heard) == both and not (tmp_path / "mistyped").exists()
+    assert (
+        finished.measured(small_scene, settings, folder, ("full",), heard) == both
+        and not (tmp_path / "mistyped").exists()
+    )
     (tmp_path / "elsewhere").mkdir()
     namesake = shutil.copytree(small_scene, tmp_path / "elsewhere" / small_scene.name)
     with pytest.raises(BadInput, match="of another scene"):
@@ -121,7 +131,9 @@ def test_tables_state_protocol_steps_and_differences_from_the_full_model(runs):
 
 
 def test_the_program_writes_tables_and_figures(small_scene, tmp_path, monkeypatch):
-    monkeypatch.setitem(PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"})
+    monkeypatch.setitem(
+        PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"}
+    )
     line = [str(small_scene), "--seeds", "2", "--only", "no mask", "-o", str(tmp_path)]
     result = CliRunner().invoke(ablation.main, line, catch_exceptions=False)
     assert result.exit_code == 0
@@ -138,13 +150,20 @@ def test_scenes_of_one_name_are_refused_before_the_hours(small_scene, tmp_path, 
     namesake = tmp_path / "elsewhere" / small_scene.name
     namesake.mkdir(parents=True)
     result = CliRunner().invoke(ablation.main, [str(small_scene), str(namesake), "-o", str(tmp_path / "out")])
-    assert result.exit_code == 1 and f"scenes are called {small_scene.name}" in result.output and not (tmp_path / "out").exists()
+    assert (
+        result.exit_code == 1
+        and f"scenes are called {small_scene.name}" in result.output
+        and not (tmp_path / "out").exists()
+    )
 
 
 def test_compare_puts_all_rivals_into_one_table(small_scene, tmp_path, monkeypatch):
-    monkeypatch.setitem(PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"})
+    monkeypatch.setitem(
+        PRESETS, "quick", {name: value for name, value in small_settings(**TINY).to_json().items() if name != "seed"}
+    )
     line = [str(small_scene), "-o", str(tmp_path), "--protocol", "full"]
-    CliRunner().invoke(compare.main, [*line, "--protocol", "half"], catch_exceptions=False)  # the first seed is measured by one more
+    # The first seed is measured by one more.
+    CliRunner().invoke(compare.main, [*line, "--protocol", "half"], catch_exceptions=False)
     result = CliRunner().invoke(compare.main, [*line, "--seeds", "2"], catch_exceptions=False)
     rows = [row.strip("| ").split(" | ") for row in result.output.splitlines()[-3:]]
     assert [row[:2] for row in rows] == [[name, "full"] for name in ("wegs", "affine exposure", "plain 3DGS")]
@@ -159,7 +178,11 @@ def test_another_split_holds_out_other_photos(tmp_path):
     scene = finished.with_split(PLAZA, table, tmp_path / "out")
     assert finished.with_split(PLAZA, table, tmp_path / "out") == scene  # again
     collection = load_collection(scene)
-    assert {photo.name: photo.split for photo in collection.photos} == {"0001.jpg": "train", "0002.jpg": "test", "0003.jpg": "train"}
+    assert {photo.name: photo.split for photo in collection.photos} == {
+        "0001.jpg": "train",
+        "0002.jpg": "test",
+        "0003.jpg": "train",
+    }
     assert (scene / "truth" / "masks").is_dir()
     namesake = tmp_path / "elsewhere" / "plaza"
     namesake.mkdir(parents=True)

@@ -5,7 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from core.config import PRESETS
+from core.presets import PRESETS
 from samples import against_gsplat
 from samples.measurements import peer_training
 from tests import gsplat_stand_in
@@ -44,7 +44,12 @@ def test_both_strategies_are_measured_beside_the_run(compared, collection):
 
 def test_schedules_are_scaled_and_the_limit_is_that_of_the_run(compared):
     _, (default, mcmc) = compared
-    assert (default.refine_start_iter, default.refine_stop_iter, default.refine_every, default.reset_every) == (1, 20, 1, 4)
+    assert (default.refine_start_iter, default.refine_stop_iter, default.refine_every, default.reset_every) == (
+        1,
+        20,
+        1,
+        4,
+    )
     assert mcmc.cap_max == small_settings().max_gaussians
     assert mcmc.rates[-1] == pytest.approx(peer_training.LAST_MEAN_RATE * mcmc.rates[0], rel=0.2)
 
@@ -57,14 +62,19 @@ def test_the_gaussians_learn_every_parameter(compared, collection):
 
 
 def test_learned_gaussians_come_closer_to_the_photos(compared, collection, tmp_path):
-    first, last = ([float(row["PSNR / SSIM / LPIPS"].split()[0]) for row in rows[1:]] for rows in (one_step(collection, tmp_path), compared[0]))
+    first, last = (
+        [float(row["PSNR / SSIM / LPIPS"].split()[0]) for row in rows[1:]]
+        for rows in (one_step(collection, tmp_path), compared[0])
+    )
     assert all(after > before for before, after in zip(first, last, strict=True))
 
 
 def one_step(collection, folder) -> list[dict]:
     """The lines after a single step."""
     file = folder / "first.json"
-    CliRunner().invoke(against_gsplat.main, [str(folder / "run"), "--steps", "1", "--json", str(file)], catch_exceptions=False)
+    CliRunner().invoke(
+        against_gsplat.main, [str(folder / "run"), "--steps", "1", "--json", str(file)], catch_exceptions=False
+    )
     return json.loads(file.read_text())
 
 

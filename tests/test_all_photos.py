@@ -26,7 +26,9 @@ def test_with_all_photos_masks_apply_to_photos_that_are_otherwise_held_out(tmp_p
     masks = [
         [photo.mask is not None for photo in run_config.read_config(folder)[2].split("train")]
         for folder in (
-            pipeline.train(tmp_path, small_settings(steps=1, all_photos=asked), tmp_path / f"run{asked}", masks=tmp_path / "masks")
+            pipeline.train(
+                tmp_path, small_settings(steps=1, all_photos=asked), tmp_path / f"run{asked}", masks=tmp_path / "masks"
+            )
             for asked in (False, True)
         )
     ]

@@ -35,7 +35,9 @@ END = ["SH transfer backward", "encoder backward", "Adam", "Adam", "Adam"]
 def test_each_lap_times_the_part_it_is_named_after(monkeypatch, appearance, transients, expected):
     """The hooks rely on the order in which autograd walks back: with another one, times would go to the wrong parts."""
     torch.set_num_threads(1)
-    settings = Settings(resolution=1, max_gaussians=600, appearance=appearance, transients=transients, sh_degree=1, device="cpu")
+    settings = Settings(
+        resolution=1, max_gaussians=600, appearance=appearance, transients=transients, sh_degree=1, device="cpu"
+    )
     trainer = Trainer(plaza(SCALE, STEP_SIZE_PX), settings, Path())
     trainer.state.done = round(steps.PROGRESS * trainer.settings.steps)
     stopwatch, happened = Stopwatch(), []
@@ -49,7 +51,9 @@ def test_each_lap_times_the_part_it_is_named_after(monkeypatch, appearance, tran
 
         monkeypatch.setattr(kernel, "backward", staticmethod(noted))
     trainer.step()
-    assert [what for what in happened if what != "everything else"] == expected + (END if trainer.optimizer else ["SH transfer backward", "Adam"])
+    assert [what for what in happened if what != "everything else"] == expected + (
+        END if trainer.optimizer else ["SH transfer backward", "Adam"]
+    )
 
 
 @pytest.mark.parametrize("script", [benchmark, benchmark_cuda])
@@ -107,7 +111,8 @@ def test_tiles_are_parts_of_the_picture():
     tiles = [backend.render(scene, drawing.tile_of(camera, 3, 2, tile)) for tile in range(6)]
     pieced = torch.cat([torch.cat(tiles[:3], dim=1), torch.cat(tiles[3:], dim=1)])
     assert pieced.shape == whole.shape
-    # Beside its picture a Gaussian's Jacobian is held at the margin, which is nearer for a tile: a few pixels at the rim differ.
+    # Beside its picture a Gaussian's Jacobian is held at the margin, which is nearer for a tile: a few pixels at the
+    # rim differ.
     assert ((pieced - whole).abs() < 1e-3).float().mean() > 0.95
 
 

@@ -1,4 +1,5 @@
-"""The benchmark of the GPU, tried with Triton's interpreter on a few Gaussians: everything but the times. See test_benchmark."""
+"""The benchmark of the GPU, tried with Triton's interpreter on a few Gaussians:
+everything but the times. See test_benchmark."""
 
 import sys
 import time
@@ -20,7 +21,8 @@ from samples.measurements import on_gpu, peer
 
 SIZES = {"regs_per_multiprocessor": 65_536, "shared_memory_per_multiprocessor": 233_472}
 CARD = SimpleNamespace(major=9, minor=0, max_threads_per_multi_processor=2048, **SIZES)
-SMALLER = SimpleNamespace(major=8, minor=9, max_threads_per_multi_processor=1536, **SIZES)  # 24 blocks at once instead of 32
+# 24 blocks at once instead of 32.
+SMALLER = SimpleNamespace(major=8, minor=9, max_threads_per_multi_processor=1536, **SIZES)
 
 
 class Moment:
@@ -34,7 +36,9 @@ class Moment:
 
 
 HERE = gpu.Place(torch.device("cpu"), Moment, lambda: None)
-interpreted = pytest.mark.skipif(torch.cuda.is_available(), reason="tried with Triton's interpreter; with a GPU, run the script itself")
+interpreted = pytest.mark.skipif(
+    torch.cuda.is_available(), reason="tried with Triton's interpreter; with a GPU, run the script itself"
+)
 
 
 @pytest.fixture
@@ -81,9 +85,16 @@ def test_without_a_gpu_one_line_says_so():
 
 def test_launches_waits_and_kernels_are_counted_separately():
     def event(key, count, on_gpu=0.0, on_cpu=1.0, named=False):
-        return SimpleNamespace(key=key, count=count, device_time_total=on_gpu, cpu_time_total=on_cpu, is_user_annotation=named)
+        return SimpleNamespace(
+            key=key, count=count, device_time_total=on_gpu, cpu_time_total=on_cpu, is_user_annotation=named
+        )
 
-    events = [event("cudaLaunchKernel", 7), event("cuLaunchKernelEx", 2), event("cudaStreamSynchronize", 1), event("aten::mul", 3, 5.0)]
+    events = [
+        event("cudaLaunchKernel", 7),
+        event("cuLaunchKernelEx", 2),
+        event("cudaStreamSynchronize", 1),
+        event("aten::mul", 3, 5.0),
+    ]
     events += [event("cudaDeviceSynchronize", 1), event("Optimizer.step#Adam.step", 1, 900.0, 0.0, named=True)]
     found = gpu.seen([*events, event("blend_forward", 1, 2000.0, 0.0)])
     assert found == gpu.Seen(launches=9, waits=1, kernels={"blend_forward": 0.002})
@@ -91,7 +102,14 @@ def test_launches_waits_and_kernels_are_counted_separately():
 
 @pytest.mark.parametrize(
     "registers, shared, warps, expected",
-    [(32, 0, 4, 1.0), (64, 0, 4, 0.5), (65, 0, 2, 0.4375), (136, 0, 1, 15 / 64), (32, 100_000, 4, 8 / 64), (16, 0, 1, 0.5)],
+    [
+        (32, 0, 4, 1.0),
+        (64, 0, 4, 0.5),
+        (65, 0, 2, 0.4375),
+        (136, 0, 1, 15 / 64),
+        (32, 100_000, 4, 8 / 64),
+        (16, 0, 1, 0.5),
+    ],
 )
 def test_occupancy_is_nvidias(registers, shared, warps, expected):
     """Bound by registers, by shared memory, and by the number of blocks."""

@@ -1,4 +1,5 @@
-"""Every tensor of the story follows the device: trained, kept, gone on with, baked, measured on one that is not the CPU.
+"""Every tensor of the story follows the device:
+trained, kept, gone on with, baked, measured on one that is not the CPU.
 
 See tests.elsewhere for what this can tell: that nothing is left behind, not what a GPU computes.
 """

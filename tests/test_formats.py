@@ -1,4 +1,5 @@
-"""Runs on photos whose cameras other programs found: from their files to a run that is stopped, resumed, measured and baked."""
+"""Runs on photos whose cameras other programs found:
+from their files to a run that is stopped, resumed, measured and baked."""
 
 import json
 import shutil
@@ -58,7 +59,9 @@ def test_a_resumed_run_uses_the_same_points(trained, corner, tmp_path):
     shutil.copytree(trained[0].parent / f"{corner.name}-scene", tmp_path / f"{corner.name}-scene")
     folder = tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
-        pipeline.train(corner, small_settings(steps=STEPS, resolution=8, checkpoints=10), folder, StopsAtStep(STEPS // 2))
+        pipeline.train(
+            corner, small_settings(steps=STEPS, resolution=8, checkpoints=10), folder, StopsAtStep(STEPS // 2)
+        )
     assert checkpoint.newest(folder) is not None
     pipeline.resume(folder)
     resumed = load_run(folder)
@@ -74,7 +77,9 @@ def test_the_run_can_be_evaluated_baked_interpolated_and_examined(trained, tmp_p
     assert {finding.name for finding in examine(folder, Heard())} > {"steps", "looks"}
 
 
-@pytest.mark.parametrize("write", [write_nerfstudio, write_blender, lambda given, root: write_nerf_osr(given, root, splits(given))])
+@pytest.mark.parametrize(
+    "write", [write_nerfstudio, write_blender, lambda given, root: write_nerf_osr(given, root, splits(given))]
+)
 def test_the_doctor_examines_scenes_of_every_format(write, tmp_path):
     names = [f"photo_{index}.png" for index in range(9)]
     root = write(SmallScene(names=names, model="SIMPLE_PINHOLE").write(tmp_path / "colmap"), tmp_path / "scene")
@@ -89,12 +94,16 @@ def splits(given):
 
 
 def test_points_from_a_file_can_be_trained_on_without_knowing_which_photo_sees_them(tmp_path):
-    root = write_nerfstudio(SmallScene(names=[f"{index}.png" for index in range(9)]).write(tmp_path / "colmap"), tmp_path / "scene")
+    root = write_nerfstudio(
+        SmallScene(names=[f"{index}.png" for index in range(9)]).write(tmp_path / "colmap"), tmp_path / "scene"
+    )
     settings = small_settings(steps=STEPS).changed(appearance="auto", transients="auto", sh_degree=-1)
     heard = Heard()
     folder = pipeline.train(root, settings, tmp_path / "run", heard)
     assert not (tmp_path / "scene-scene").exists()
     said = "\n".join(heard.lines)
     assert "Nothing says which photo sees which point" in said
-    assert "appearance=full: too few points are known to be shared by photos to tell whether their light differs" in said
+    assert (
+        "appearance=full: too few points are known to be shared by photos to tell whether their light differs" in said
+    )
     assert load_run(folder).settings.sh_degree == 1

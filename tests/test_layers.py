@@ -23,7 +23,8 @@ for name in sys.argv[1:]:
 
 def test_imports_point_down():
     """As [tool.importlinter] in pyproject.toml says."""
-    assert {path.parent for path in SOURCES} == {path.parent for path in SOURCES if path.name == "__init__.py"}  # others are not looked at
+    # Others are not looked at.
+    assert {path.parent for path in SOURCES} == {path.parent for path in SOURCES if path.name == "__init__.py"}
     subprocess.run([sys.executable, "-c", LINT], cwd=ROOT, check=True)
 
 

@@ -49,7 +49,9 @@ def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
     live = load_run(folder)
     photo = live.collection.photo("photo_5.png")
     frame = lights.rendered(live, find_look(live, styles[1]), photo)
-    shown = lights.sheet(live, find_look(live, "neutral"), {style: find_look(live, style) for style in styles}, photo)[-1]
+    shown = lights.sheet(live, find_look(live, "neutral"), {style: find_look(live, style) for style in styles}, photo)[
+        -1
+    ]
     np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
 
 
@@ -69,7 +71,18 @@ def test_a_sheet_without_photos(folder, tmp_path):
     """A row of looks for each view; nothing in it is a photo."""
     style, sheet = tmp_path / "green.png", tmp_path / "sheet.jpg"
     cv2.imwrite(str(style), np.full((30, 40, 3), (0, 255, 0), np.uint8))
-    line = [str(folder), "--style", str(style), "--renders", "--view", "photo_5.png", "--view", "photo_1.png", "-o", str(sheet)]
+    line = [
+        str(folder),
+        "--style",
+        str(style),
+        "--renders",
+        "--view",
+        "photo_5.png",
+        "--view",
+        "photo_1.png",
+        "-o",
+        str(sheet),
+    ]
     CliRunner().invoke(lights.main, line, catch_exceptions=False)
     pixels, wide = cv2.imread(str(sheet)).astype(int), round(lights.TILE_PX * WIDTH / HEIGHT)
     assert pixels.shape == (2 * lights.TILE_PX, 2 * wide, 3)
@@ -97,7 +110,9 @@ def test_what_cannot_be_drawn_is_refused_before_the_work(folder, options, words,
     assert result.exit_code == 1 and words in result.output
 
 
-def test_a_sheet_is_replaced_only_with_force_and_a_missing_folder_is_noticed_before_the_work(folder, tmp_path, monkeypatch):
+def test_a_sheet_is_replaced_only_with_force_and_a_missing_folder_is_noticed_before_the_work(
+    folder, tmp_path, monkeypatch
+):
     monkeypatch.setattr(lights, "find_look", None)
     (tmp_path / "sheet.jpg").write_bytes(b"old")
     for place, words in (("sheet.jpg", "sheet.jpg exists. Add --force"), ("gone/sheet.jpg", "There is no folder")):
@@ -129,5 +144,6 @@ def test_a_look_is_compared_with_its_known_truth(folder):
     own, fitted = (float(words.split(mark)[1].split()[0]) for mark in ("own.png: ", "fitted to the truth "))
     assert fitted >= own - 0.1  # fitted by L1, told in dB
     assert (
-        len(lights.sheet(live, find_look(live, "neutral"), {str(style): look}, live.collection.photo("photo_2.png"))[0]) == 4
+        len(lights.sheet(live, find_look(live, "neutral"), {str(style): look}, live.collection.photo("photo_2.png"))[0])
+        == 4
     )  # the truth beside it

@@ -7,7 +7,9 @@ from samples.measurements.opened import opened
 from tests.small import finished, small_collection, small_settings
 
 
-@pytest.mark.parametrize("settings, words", [({"appearance": "off"}, "has one look only"), ({"all_photos": True}, "has no held-out photos")])
+@pytest.mark.parametrize(
+    "settings, words", [({"appearance": "off"}, "has one look only"), ({"all_photos": True}, "has no held-out photos")]
+)
 def test_what_cannot_be_measured_is_refused(tmp_path, settings, words):
     collection = small_collection(tmp_path)
     collection = collection.undivided() if "all_photos" in settings else collection

@@ -138,5 +138,8 @@ def test_a_collection_is_replaced_only_by_a_whole_one(tmp_path, monkeypatch):
     told = CliRunner().invoke(make_plaza.main, ["--variant", "calm", "--output", str(old)])
     assert told.exit_code == 1 and "Add --force" in told.stderr
     for output in old, new:
-        assert CliRunner().invoke(make_plaza.main, ["--variant", "calm", "--output", str(output), "--force"]).exit_code == 130
+        assert (
+            CliRunner().invoke(make_plaza.main, ["--variant", "calm", "--output", str(output), "--force"]).exit_code
+            == 130
+        )
     assert [path.relative_to(tmp_path) for path in tmp_path.rglob("*")] == [Path("old"), Path("old", make_plaza.TABLE)]

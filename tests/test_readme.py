@@ -9,7 +9,10 @@ from tests.rasterizer.scenes import SCENES
 
 HERE = Path(__file__).parent
 TEXT = (HERE / "README.md").read_text(encoding="utf-8")
-SOURCES = {path.relative_to(HERE).with_suffix("").as_posix(): path.read_text(encoding="utf-8") for path in HERE.rglob("test_*.py")}
+SOURCES = {
+    path.relative_to(HERE).with_suffix("").as_posix(): path.read_text(encoding="utf-8")
+    for path in HERE.rglob("test_*.py")
+}
 ROWS = re.findall(r"^\| (\d[\d, ]*) \|(.*)", TEXT, re.MULTILINE)
 
 

@@ -1,4 +1,5 @@
-"""Looks seen by other cameras than their photos': they are compared with the sample's truth, first from the cameras with the most similar views."""
+"""Looks seen by other cameras than their photos':
+they are compared with the sample's truth, first from the cameras with the most similar views."""
 
 import json
 from pathlib import Path
@@ -9,9 +10,9 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from core.config import preset
 from core.data.load import load_collection
 from core.pipeline import evaluate, train
+from core.presets import preset
 from samples import relit
 from samples.measurements.finished import with_split
 from samples.plaza_maker.model import to_model
@@ -25,13 +26,24 @@ def test_a_photos_own_camera_is_scored_as_by_eval_and_others_beside_it(tmp_path,
     splits = [[row for row in rows if f"\t{split}\t" in row] for split in ("train", "test")]
     (tmp_path / "few.tsv").write_text("\n".join([header, *splits[0][:12], *splits[1][:2]]) + "\n")
     scene = with_split(PLAZA, tmp_path / "few.tsv", tmp_path)
-    small = {"steps": 30, "max_gaussians": 6000, "sky_gaussians": 100, "encoder_side_px": 30, "resolution": 8, "held_out_checks": 0}
+    small = {
+        "steps": 30,
+        "max_gaussians": 6000,
+        "sky_gaussians": 100,
+        "encoder_side_px": 30,
+        "resolution": 8,
+        "held_out_checks": 0,
+    }
     train(scene, preset("quick").changed(**small), tmp_path / "run")
     scores = evaluate(tmp_path / "run", "full").to_json()["means"]["clean"]
     monkeypatch.setattr(relit, "CAMERAS", 1)
     monkeypatch.setattr(relit, "STEPS_M", (0.0, 3.0))
     monkeypatch.setattr(relit, "WAYS", relit.WAYS[:1])
-    told = CliRunner().invoke(relit.main, [str(tmp_path / "run"), "--grid", "1"], catch_exceptions=False).output.splitlines()
+    told = (
+        CliRunner()
+        .invoke(relit.main, [str(tmp_path / "run"), "--grid", "1"], catch_exceptions=False)
+        .output.splitlines()
+    )
     own, here, away, alike, others = ([float(figure) for figure in line.split("|")[2:4]] for line in told[-5:])
     assert own == pytest.approx([scores[look]["psnr"] for look in ("zero_shot", "refined")], abs=0.3)
     assert own == here != away != alike != others and all(8 < figure < own[1] for figure in (*away, *alike, *others))
@@ -42,11 +54,14 @@ def test_a_moved_camera_and_its_ground_truth_show_the_same_view():
     collection = load_collection(PLAZA)
     photo = collection.photos[0]
     taken = truth["photos"][Path(photo.name).stem]["camera"]
-    place = relit.standpoint(SimpleNamespace(collection=collection, camera=lambda photo: photo.camera), photo.name, taken)
+    place = relit.standpoint(
+        SimpleNamespace(collection=collection, camera=lambda photo: photo.camera), photo.name, taken
+    )
     corners = np.array([(-8.0, 0, 1), (8, 0, 1), (0, 0, 15), (0, 20, 20)])  # metres
     in_scene = collection.frame.to_scene(to_model(corners))
     for there in [place, *relit.moved(place, 8.0, truth["model"]["scale"] / collection.frame.radius)]:
-        np.testing.assert_allclose(there.camera.project(in_scene)[0], there.view.project(corners)[0], atol=2)  # poses are off as real ones are
+        # Poses are off as real ones are.
+        np.testing.assert_allclose(there.camera.project(in_scene)[0], there.view.project(corners)[0], atol=2)
     moves = [there.view.centre - place.view.centre for there in relit.moved(place, 8.0, 1.0)]
     np.testing.assert_allclose(np.linalg.norm(moves, axis=1), 8, rtol=1e-5)
     assert moves[2][2] > 7 and moves[3] @ place.view.world_to_camera[2] == pytest.approx(8, rel=1e-5)  # above, ahead
@@ -65,7 +80,9 @@ def test_the_truth_is_moved_to_the_device_of_the_run(monkeypatch):
 def test_the_cameras_with_the_most_similar_views_are_found():
     turned = {"world_to_camera": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
     ahead = {"world_to_camera": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}
-    taken = {f"{name}.png": {"camera": {"centre": [float(place), 0, 0], **ahead}} for place, name in enumerate("abcdefgh")}
+    taken = {
+        f"{name}.png": {"camera": {"centre": [float(place), 0, 0], **ahead}} for place, name in enumerate("abcdefgh")
+    }
     taken["b.png"]["camera"] |= turned
     own, alike, others = relit.cameras_beside("a.png", taken)
     assert own == ["a.png"] and alike == ["c.png", "d.png", "e.png"] and others == ["f.png", "g.png", "b.png"]

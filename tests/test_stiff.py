@@ -15,7 +15,9 @@ def plain():
 
 
 def centres(model):
-    return np.stack([image.projection_center() for image in sorted(model.images.values(), key=lambda image: image.name)])
+    return np.stack(
+        [image.projection_center() for image in sorted(model.images.values(), key=lambda image: image.name)]
+    )
 
 
 def test_worlds_are_scaled_and_moved(plain, tmp_path):

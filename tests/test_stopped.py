@@ -35,7 +35,10 @@ def scene(tmp_path, monkeypatch):
 
 LOW_MEMORY = "Train on smaller photos .* --max-gaussians; what is saved can be baked: wegs bake --run"
 NO_ROOM = {
-    "GPU": (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB."), f"The memory of the GPU ran out. Saved .*{LOW_MEMORY}"),
+    "GPU": (
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB."),
+        f"The memory of the GPU ran out. Saved .*{LOW_MEMORY}",
+    ),
     "CPU": (MemoryError(), f"There is not enough memory. Saved .*{LOW_MEMORY}"),
     "lists": (ListsTooLarge("400 Gaussians cover 9 tiles."), f"400 Gaussians cover 9 tiles. Saved .*{LOW_MEMORY}"),
 }
@@ -53,11 +56,15 @@ def test_a_checkpoint_is_saved_when_memory_runs_out(tmp_path, monkeypatch, where
     saved = checkpoint.load(checkpoint.newest(tmp_path))
     assert saved.facts["step"] == 1
     (tmp_path / "whole").mkdir()
-    whole, resumed = (Trainer(trainer.collection, trainer.settings, folder) for folder in (tmp_path / "whole", tmp_path))
+    whole, resumed = (
+        Trainer(trainer.collection, trainer.settings, folder) for folder in (tmp_path / "whole", tmp_path)
+    )
     resumed.resume(saved)
     for each in (whole, resumed):  # the step that found no room is taken when there is some
         list(each.train())
-    assert all(torch.equal(tensor, resumed.gaussians.tensors()[name]) for name, tensor in whole.gaussians.tensors().items())
+    assert all(
+        torch.equal(tensor, resumed.gaussians.tensors()[name]) for name, tensor in whole.gaussians.tensors().items()
+    )
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
@@ -143,7 +150,10 @@ def test_results_of_an_earlier_step_are_named_when_a_run_is_resumed(scene, tmp_p
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
     heard = Heard()
     pipeline.resume(tmp_path / "run", heard)
-    assert f"Of an earlier run or step: results_full.json. To measure again, type: wegs eval --run {tmp_path / 'run'}" in heard.lines
+    assert (
+        f"Of an earlier run or step: results_full.json. To measure again, type: wegs eval --run {tmp_path / 'run'}"
+        in heard.lines
+    )
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
     shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been stopped just before its last file
     pipeline.resume(tmp_path / "run", heard := Heard())
@@ -163,6 +173,8 @@ def test_a_run_killed_before_its_first_checkpoint_starts_again_with_its_own_sett
     heard = Heard()
     pipeline.resume(folder, heard)
     assert f"Going on with {folder} from step 0, with its own settings: it has no checkpoint yet" in heard.lines
-    assert next(step for step in heard.steps if step[1] == STEPS) == (1, STEPS) and (folder / CLOUD).read_bytes() == whole
+    assert (
+        next(step for step in heard.steps if step[1] == STEPS) == (1, STEPS) and (folder / CLOUD).read_bytes() == whole
+    )
     steps = [line.split(",")[0] for line in (folder / "history.csv").read_text().splitlines()]
     assert steps == list(dict.fromkeys(steps))

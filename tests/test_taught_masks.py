@@ -12,7 +12,10 @@ def passers_by(count: int, random: torch.Generator) -> list[taught_masks.Example
     """Grey noise with a red square, elsewhere in each photo."""
     examples = []
     for _ in range(count):
-        picture, static = 0.3 + 0.3 * torch.rand(1, 48, 48, generator=random).expand(3, -1, -1).clone(), torch.ones(96, 96, dtype=torch.bool)
+        picture, static = (
+            0.3 + 0.3 * torch.rand(1, 48, 48, generator=random).expand(3, -1, -1).clone(),
+            torch.ones(96, 96, dtype=torch.bool),
+        )
         left, top = (4 * int(torch.randint(0, 8, (), generator=random)) for _ in range(2))
         picture[:, top : top + 16, left : left + 16] = torch.tensor([0.9, 0.1, 0.1])[:, None, None]
         static[2 * top : 2 * top + 32, 2 * left : 2 * left + 32] = False

@@ -1,4 +1,5 @@
-"""What the user is told on the way from photos to looks and figures: only what is true, in words that a newcomer knows."""
+"""What the user is told on the way from photos to looks and figures:
+only what is true, in words that a newcomer knows."""
 
 from dataclasses import replace
 
@@ -42,7 +43,9 @@ def test_with_all_photos_the_summary_names_no_held_out_photo(tmp_path):
     assert "every 8th photo" in (said := "\n".join(told(collection))) and "held out though a copy" in said
     lines = told(collection.undivided())
     assert lines[0].endswith("4 photos (4 train, 0 test), 20 points")
-    assert [line for line in lines if "held" in line] == ["! All photos are trained on, none is held out: there will be no held-out quality."]
+    assert [line for line in lines if "held" in line] == [
+        "! All photos are trained on, none is held out: there will be no held-out quality."
+    ]
 
 
 def test_the_user_is_told_how_many_points_do_not_fit(tmp_path):
@@ -50,7 +53,10 @@ def test_the_user_is_told_how_many_points_do_not_fit(tmp_path):
     points = len(collection.points)
     for most, lines in (
         (2 * points, []),
-        (2 * points - 1, [f"It starts from {points - 1} of the {points} points, as half of the Gaussians are for growth"]),
+        (
+            2 * points - 1,
+            [f"It starts from {points - 1} of the {points} points, as half of the Gaussians are for growth"],
+        ),
     ):
         heard, trainer = Heard(), Trainer(collection, small_settings(max_gaussians=most), tmp_path)
         tell_plan(trainer, heard)
@@ -71,7 +77,10 @@ def test_an_interpolation_reports_each_of_its_looks_on_a_line(trained, tmp_path)
     heard = Heard()
     pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, views=["photo_1"])
     assert heard.lines[0].endswith("small: 2 frames, seen from photo_1.png")
-    assert heard.lines[1:3] == ["  from the neutral look (mean of the training photos)", "  to training photo photo_0.png, refined"]
+    assert heard.lines[1:3] == [
+        "  from the neutral look (mean of the training photos)",
+        "  to training photo photo_0.png, refined",
+    ]
 
 
 def test_only_a_run_without_looks_says_that_all_its_looks_are_the_same(trained, tmp_path):

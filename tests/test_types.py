@@ -1,4 +1,5 @@
-"""The annotations of the engine and the command line hold, as far as mypy can tell; shapes are checked where code runs (see pyproject.toml)."""
+"""The annotations of the engine and the command line hold, as far as mypy can tell;
+shapes are checked where code runs (see pyproject.toml)."""
 
 import subprocess
 import sys
@@ -7,6 +8,10 @@ from pathlib import Path
 
 def test_mypy_finds_no_fault(tmp_path):
     checked = subprocess.run(
-        [sys.executable, "-m", "mypy", "--cache-dir", tmp_path], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "mypy", "--cache-dir", tmp_path],
+        cwd=Path(__file__).parents[1],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (checked.returncode, checked.stdout.splitlines()[:-1]) == (0, [])

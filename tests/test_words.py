@@ -4,7 +4,12 @@ from core.words import Note, Reasons, counted, name_them
 
 
 def test_one_thing_is_counted_in_the_singular():
-    assert [counted(number, "point") for number in (0, 1, 2, 12_345)] == ["0 points", "1 point", "2 points", "12,345 points"]
+    assert [counted(number, "point") for number in (0, 1, 2, 12_345)] == [
+        "0 points",
+        "1 point",
+        "2 points",
+        "12,345 points",
+    ]
 
 
 def test_reasons_are_listed_in_the_order_in_which_they_came_up():

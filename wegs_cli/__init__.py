@@ -1,1 +1,2 @@
-"""The command line: `wegs train`, `wegs bake` and the rest. Everything it does is a call into core.pipeline, core.bench or core.doctor."""
+"""The command line: `wegs train`, `wegs bake` and the rest.
+Everything it does is a call into core.pipeline, core.bench or core.doctor."""

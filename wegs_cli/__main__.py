@@ -4,7 +4,8 @@ import sys
 
 
 def run() -> None:
-    """Run `wegs_cli.main`, which handles Ctrl-C once it is loaded; until then, Ctrl-C ends the program without a word."""
+    """Run `wegs_cli.main`, which handles Ctrl-C once it is loaded;
+    until then, Ctrl-C ends the program without a word."""
     try:
         from wegs_cli.main import run
 

@@ -10,7 +10,8 @@ from wegs_cli.options import InputPath
 @click.command(short_help="Check a .ply, a run or a scene.")
 @click.argument("what", required=False, type=InputPath())
 def doctor(what) -> None:
-    """Check WHAT and print one line per finding: what was found, what it means and what to do. Exit code 1 if anything needs doing.
+    """Check WHAT and print one line per finding: what was found, what it means and what to do.
+    Exit code 1 if anything needs doing.
 
     WHAT is a .ply of Gaussians (of any program), a run, a scene or a folder of photos; without it, the newest run.
 

@@ -18,7 +18,8 @@ from wegs_cli.options import DEFAULT_RUN, InputPath
 @click.option(
     "--protocol",
     type=click.Choice(list(PROTOCOLS)),
-    help="half: read the look from the left half of a test photo, score the right half; full: the whole photo for both.  "
+    help="half: read the look from the left half of a test photo, score the right half; full: "
+    "the whole photo for both.  "
     "[default: half; with --curve, both]",
 )
 @click.option("--no-refine", is_flag=True, help="Score only the look that the encoder reads (zero-shot).")
@@ -27,8 +28,8 @@ from wegs_cli.options import DEFAULT_RUN, InputPath
 def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
     """Measure a run on the photos it was not trained on: PSNR, SSIM and, if its weights are installed, LPIPS.
 
-    Writes results.json, per_view.json and sheet.png into the run (results_full.json and so on with --protocol full). With --curve, it writes
-    figures into curves/ in the run, or in the first of several runs.
+    Writes results.json, per_view.json and sheet.png into the run (results_full.json and so on with --protocol full).
+    With --curve, it writes figures into curves/ in the run, or in the first of several runs.
 
     \b
     Examples:
@@ -50,4 +51,10 @@ def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
 
             suite.curves(run_folders, (protocol,) if protocol else tuple(PROTOCOLS), not no_refine, terminal)
         else:
-            pipeline.evaluate(next(iter(run_folders), None), protocol or "half", terminal, refine=not no_refine, keep_pictures=pictures)
+            pipeline.evaluate(
+                next(iter(run_folders), None),
+                protocol or "half",
+                terminal,
+                refine=not no_refine,
+                keep_pictures=pictures,
+            )

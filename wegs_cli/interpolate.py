@@ -8,13 +8,21 @@ from wegs_cli.options import DEFAULT_RUN, InputPath, OutputPath
 @click.command(short_help="Fade from one look to another.")
 @click.argument("first")
 @click.argument("last")
-@click.option("--steps", type=click.IntRange(min=2), metavar="N", default=10, show_default=True, help="Number of frames, including both ends.")
+@click.option(
+    "--steps",
+    type=click.IntRange(min=2),
+    metavar="N",
+    default=10,
+    show_default=True,
+    help="Number of frames, including both ends.",
+)
 @click.option(
     "--view",
     "views",
     metavar="NAME",
     multiple=True,
-    help="Photo of the scene whose camera is used. Given twice, the camera moves from the first to the second.  [default: the first held-out one]",
+    help="Photo of the scene whose camera is used. Given twice, the camera moves from the first to the second. "
+    " [default: the first held-out one]",
 )
 @click.option("--no-refine", is_flag=True, help="Keep the looks that the encoder reads; see `wegs bake`.")
 @click.option("--ply", is_flag=True, help="Also write one .ply per frame.")
@@ -36,4 +44,6 @@ def interpolate(first, last, steps, views, no_refine, ply, output, run_folder, f
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        pipeline.interpolate(run_folder, first, last, steps, output, terminal, views=views, ply=ply, force=force, refine=not no_refine)
+        pipeline.interpolate(
+            run_folder, first, last, steps, output, terminal, views=views, ply=ply, force=force, refine=not no_refine
+        )

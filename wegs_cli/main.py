@@ -29,10 +29,12 @@ INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
 class OneLineErrors(click.Command):
-    """A command that ends with one line and an exit code, not a traceback, where the user can correct what went wrong."""
+    """A command that ends with one line and an exit code, not a traceback,
+    where the user can correct what went wrong."""
 
     def main(self, *args: Any, at_end: Callable[[], None] = lambda: None, **extra: Any) -> NoReturn:
-        """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C. at_end: called before the one line."""
+        """Run and exit: 0, 1 for a WegsError, 2 for a wrong command line, 130 for Ctrl-C.
+        at_end: called before the one line."""
         try:
             code = super().main(*args, **(extra | {"standalone_mode": False}))
         except click.exceptions.NoArgsIsHelpError as help_wanted:
@@ -52,7 +54,8 @@ class OneLineErrors(click.Command):
 
 
 class Group(OneLineErrors, click.Group):
-    """Imports a command from COMMANDS only when it is used. From the names in `commands`, click suggests one if a word is mistyped."""
+    """Imports a command from COMMANDS only when it is used.
+    From the names in `commands`, click suggests one if a word is mistyped."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -66,7 +69,8 @@ class Group(OneLineErrors, click.Group):
 
 def explain(problem: BaseException) -> tuple[str, int] | None:
     """The line and the exit code for an exception that the user can do something about; None for a defect of wegs."""
-    from core.errors import WegsError, as_disk_full, as_out_of_memory  # late: not before `run` has checked that this core is wegs'
+    # Late: not before `run` has checked that this core is wegs'.
+    from core.errors import WegsError, as_disk_full, as_out_of_memory
 
     if isinstance(problem, WegsError):
         return str(problem), 1
@@ -75,8 +79,13 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         advice = f" Try: {context.command_path} --help" if context else ""
         if isinstance(problem, click.NoSuchOption) and problem.option_name == "--memory":
             advice = " It goes before the command: wegs --memory GIB train ..."
-        message = problem.format_message().replace("float range", "number").replace("integer range", "whole number")  # click's names of types
-        if message.startswith("Got unexpected extra argument") and context and any("--run" in each.opts for each in context.command.params):
+        # click's names of types.
+        message = problem.format_message().replace("float range", "number").replace("integer range", "whole number")
+        if (
+            message.startswith("Got unexpected extra argument")
+            and context
+            and any("--run" in each.opts for each in context.command.params)
+        ):
             advice = f" A run is named by --run.{advice}"
         stop = "" if message.endswith((".", "?")) else "."
         return " ".join(message.split()) + stop + advice, problem.exit_code
@@ -96,7 +105,8 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     # From Numba, if neither its package's folder nor the home folder is writable, as in containers run by another user.
     if isinstance(problem, RuntimeError) and "no locator available" in str(problem):
         return "There is no folder for compiled kernels. Set NUMBA_CACHE_DIR to one that may be written.", 1
-    if isinstance(problem, RuntimeError) and str(problem).startswith("Symlink loop"):  # from Path.resolve, up to Python 3.12
+    # From Path.resolve, up to Python 3.12.
+    if isinstance(problem, RuntimeError) and str(problem).startswith("Symlink loop"):
         return f"{problem}. Choose another path.", 1
     return None
 
@@ -121,8 +131,12 @@ def _show_version(context: click.Context, _parameter: click.Parameter, wanted: b
         context.exit()
 
 
-@click.group(cls=Group, commands=COMMANDS, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version, help="Show the version.")
+@click.group(
+    cls=Group, commands=COMMANDS, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version, help="Show the version."
+)
 @click.option(
     "--memory",
     type=click.FloatRange(min=2),
@@ -171,12 +185,14 @@ def run() -> None:
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
     from core.system.process import prepare  # only now is `core` known to be ours
 
-    # Streams are None if they were closed, as some schedulers do.
-    sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115 - open to the end
+    # Streams are None if they were closed, as some schedulers do. What stands for them stays open to the end.
+    sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a character that the terminal cannot show appears as its code
-    # SIGTERM, from job schedulers and `kill`, is treated as Ctrl-C: half-written files and folders are removed, a training is kept.
+            # A character that the terminal cannot show appears as its code.
+            stream.reconfigure(errors="backslashreplace")
+    # SIGTERM, from job schedulers and `kill`, is treated as Ctrl-C: half-written files and folders are removed, a
+    # training is kept.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
         signal.signal(signal.SIGHUP, _hang_up)

@@ -10,28 +10,31 @@ from typing import Any
 
 import click
 
-from core.config import FIELDS, PRESETS, Settings, no_setting, preset
+from core.config import FIELDS, Settings, no_setting
 from core.errors import BadInput, BadSetting
+from core.presets import PRESETS, preset
 from core.setting import AUTO, UNDECIDED, checked, wrong_kind
 
 # Settings that have an option of their own; --set and --config reach all of them.
 FLAGS = (
-    "steps", "resolution", "all_photos", "max_gaussians", "sh_degree", "appearance", "transients", "seed", "device", "backend",
+    "steps", "resolution", "all_photos", "max_gaussians", "sh_degree",
+    "appearance", "transients", "seed", "device", "backend",
 )  # fmt: skip
 SHORT = {"resolution": ("-r",)}
 DEFAULT_RUN = "[default: the current folder if it is a run, else the newest in runs/]"
 
 
 class InputPath(click.Path):
-    """A path to read. Whether it can be read is left to whoever reads it: click's own check would only point to the help."""
+    """A path to read. Whether it can be read is left to whoever reads it:
+    click's own check would only point to the help."""
 
     def __init__(self):
         super().__init__(path_type=Path, readable=False)
 
 
 class OutputPath(click.Path):
-    """A path to write. If a `..` in it follows a folder that does not exist yet, the path is resolved; otherwise it would seem new although
-    what it leads to may exist."""
+    """A path to write. If a `..` in it follows a folder that does not exist yet, the path is resolved; otherwise it
+    would seem new although what it leads to may exist."""
 
     def convert(self, value, param, ctx):
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
@@ -40,7 +43,8 @@ class OutputPath(click.Path):
 
 
 class Number(click.ParamType):
-    """The value of a setting that is a number, read and checked as `--set` does: click's own ranges read badly in help and errors."""
+    """The value of a setting that is a number, read and checked as `--set` does:
+    click's own ranges read badly in help and errors."""
 
     name = "number"
 
@@ -77,7 +81,9 @@ def setting_option(name: str) -> Callable:
     if item.type is bool:
         return click.option(*flags, name, is_flag=True, default=None, help=rules["help"])
     kind = click.Choice(rules["choices"]) if rules["choices"] else Number(item)
-    return click.option(*flags, name, type=kind, default=None, help=f"{rules['help']}  [default: {shown_default(name)}]")
+    return click.option(
+        *flags, name, type=kind, default=None, help=f"{rules['help']}  [default: {shown_default(name)}]"
+    )
 
 
 def _option_of(name: str) -> str:
@@ -97,7 +103,8 @@ def settings_options(command: Callable) -> Callable:
             "--preset",
             "preset_name",
             type=click.Choice(list(PRESETS)),
-            help=f"Settings to start from; other options override them. quick: a first try, of {PRESETS['quick']['steps']:,} steps. paper: the "
+            help="Settings to start from; other options override them. "
+            f"quick: a first try, of {PRESETS['quick']['steps']:,} steps. paper: the "
             "sizes of the paper, which want a GPU. vanilla: plain 3DGS, without looks and masks.  [default: default]",
         ),
         *map(setting_option, FLAGS),
@@ -106,15 +113,24 @@ def settings_options(command: Callable) -> Callable:
             type=InputPath(),
             help='TOML file with lines such as `steps = 2000` or `preset = "quick"`; the command line overrides it.',
         ),
-        click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="Change a setting of the list below; repeatable."),
+        click.option(
+            "--set",
+            "assignments",
+            multiple=True,
+            metavar="KEY=VALUE",
+            help="Change a setting of the list below; repeatable.",
+        ),
     ]
     for decorate in reversed(decorators):
         command = decorate(command)
     return command
 
 
-def settings_from(preset_name: str | None, config: Path | None, assignments: tuple[str, ...], typed: dict[str, Any]) -> Settings:
-    """Settings: command line beats file beats preset beats default. typed: options, None where not typed. The file may name a preset."""
+def settings_from(
+    preset_name: str | None, config: Path | None, assignments: tuple[str, ...], typed: dict[str, Any]
+) -> Settings:
+    """Settings: command line beats file beats preset beats default. typed: options, None where not typed.
+    The file may name a preset."""
     written = {} if config is None else _read_toml(config)
     _no_options_among(written.keys() - {"preset"}, f"{config}: ")
     _no_options_among(assignment.partition("=")[0].strip() for assignment in assignments)
@@ -134,14 +150,17 @@ def settings_from(preset_name: str | None, config: Path | None, assignments: tup
 
 
 def _no_options_among(names: Iterable[str], where: str = "") -> None:
-    """Raise BadSetting for names of the current command's options that are no settings. where: the file that has them, before a message."""
+    """Raise BadSetting for names of the current command's options that are no settings.
+    where: the file that has them, before a message."""
     context = click.get_current_context(silent=True)
     given = [param for param in context.command.params if isinstance(param, click.Option)] if context else []
     options = {option.opts[-1].removeprefix("--"): option for option in given if option.name not in FIELDS}
     for name in names:
         if name in options:
             value = "" if options[name].is_flag else " ..."
-            raise BadSetting(f"{where}{name} is no setting but an option of the command line.", f"Type: --{name}{value}")
+            raise BadSetting(
+                f"{where}{name} is no setting but an option of the command line.", f"Type: --{name}{value}"
+            )
 
 
 def settings_by_section() -> dict[str, list[tuple[str, str]]]:
@@ -164,7 +183,10 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except ValueError as problem:  # TOML's own errors and text that is not UTF-8
         raise BadInput(f"{path} is not TOML: {problem}.", "Write lines such as: steps = 2000") from None
     if table := next((name for name, value in values.items() if isinstance(value, dict)), None):
-        raise BadSetting(f"{path}: {table} is a table, and settings stand in none.", f"Remove the line [{table}], and keep those below it.")
+        raise BadSetting(
+            f"{path}: {table} is a table, and settings stand in none.",
+            f"Remove the line [{table}], and keep those below it.",
+        )
     return values
 
 

@@ -34,7 +34,8 @@ class Pipe(Console):
 
 @contextmanager
 def _reader_may_leave() -> Iterator[None]:
-    """Once a pipe (`| head`) or terminal is closed, drop all further output and let the work go on: its files are still wanted."""
+    """Once a pipe (`| head`) or terminal is closed, drop all further output and let the work go on:
+    its files are still wanted."""
     try:
         yield
     except OSError as problem:
@@ -42,7 +43,8 @@ def _reader_may_leave() -> Iterator[None]:
             raise
         with suppress(OSError, ValueError):  # if standard output is not a file
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, sys.stdout.fileno())  # otherwise Python would complain at exit about what it could not write
+            # Otherwise Python would complain at exit about what it could not write.
+            os.dup2(nowhere, sys.stdout.fileno())
             os.close(nowhere)
 
 
@@ -106,15 +108,29 @@ class Terminal(Report):
             self.console.print(grid)
 
     def _advanced_bar(self, what: str, done: int, total: int, note: str, share: float) -> Progress:
-        """The bar, begun or moved on: its length is the share of the time, beside it stands the count of parts. It is not drawn in a log file."""
-        if self.bar is None or what != self.what or share < self.bar.tasks[0].completed:  # the last: the same work, begun on another thing
+        """The bar, begun or moved on: its length is the share of the time, beside it stands the count of parts.
+        It is not drawn in a log file."""
+        # The last: the same work, begun on another thing.
+        if self.bar is None or what != self.what or share < self.bar.tasks[0].completed:
             self._end_bar()
-            name, count = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[count]}", markup=False)
+            name, count = (
+                TextColumn("{task.description}", markup=False),
+                TextColumn("{task.fields[count]}", markup=False),
+            )
             left = [TextColumn("left"), TimeRemainingColumn()]
             columns = [name, count, *left]
             if self.console.width >= WIDE:
-                columns = [name, BarColumn(), count, TimeElapsedColumn(), *left, TextColumn("{task.fields[note]}", markup=False)]
-            self.bar = Progress(*columns, console=self.console, get_time=time.monotonic, disable=not self.console.is_terminal)
+                columns = [
+                    name,
+                    BarColumn(),
+                    count,
+                    TimeElapsedColumn(),
+                    *left,
+                    TextColumn("{task.fields[note]}", markup=False),
+                ]
+            self.bar = Progress(
+                *columns, console=self.console, get_time=time.monotonic, disable=not self.console.is_terminal
+            )
             self.bar.start()
             self.bar.add_task(what, total=1.0, count="", note="")
             self.what = what
@@ -122,7 +138,8 @@ class Terminal(Report):
         return self.bar
 
     def _end_bar(self, if_full: bool = False) -> None:
-        """Stop drawing the bar. if_full: only a full one, which would otherwise be drawn again below every line that follows."""
+        """Stop drawing the bar. if_full: only a full one,
+        which would otherwise be drawn again below every line that follows."""
         if self.bar is not None and (not if_full or self.bar.finished):
             self.bar.stop()
             self.bar = None

@@ -15,10 +15,11 @@ LAST_LAYER_GAIN = 0.1  # and nearly flat: the last layer's initial weights are s
 
 
 def rectified(layer: Layer) -> Layer:
-    """`layer` with weights that keep the mean square of their input through a ReLU (He et al. 2015, eq. 10; PyTorch's own leave a sixth of it).
+    """`layer` with weights that keep the mean square of their input through a ReLU (He et al. 2015, eq.
+    10; PyTorch's own leave a sixth of it).
 
-    Not so of a transposed convolution, whose outputs PyTorch takes for its inputs: those of MaskUNet leave a quarter and, before LAST_LAYER_GAIN,
-    sixteen times as much.
+    Not so of a transposed convolution, whose outputs PyTorch takes for its inputs: those of MaskUNet leave a quarter
+    and, before LAST_LAYER_GAIN, sixteen times as much.
     """
     nn.init.kaiming_normal_(layer.get_parameter("weight"), nonlinearity="relu")
     nn.init.zeros_(layer.get_parameter("bias"))
@@ -26,7 +27,8 @@ def rectified(layer: Layer) -> Layer:
 
 
 class ChannelAttention(nn.Module):
-    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F (paper, eqs. 15 and 16): one weight per channel, from one two-layer MLP.
+    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F (paper, eqs.
+    15 and 16): one weight per channel, from one two-layer MLP.
 
     The paper writes the attention map as C x 1 x H'; pooling over space leaves C x 1 x 1.
     """
@@ -42,7 +44,8 @@ class ChannelAttention(nn.Module):
 
 
 class MaskUNet(nn.Module):
-    """M = UNet(F') (paper, eq. 17): two convolutions down, two transposed ones up, one skip; 1 = static, 0 = transient."""
+    """M = UNet(F') (paper, eq. 17): two convolutions down, two transposed ones up, one skip;
+    1 = static, 0 = transient."""
 
     def __init__(self, channels: int):
         super().__init__()

@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-Weights = dict[str, Tensor]  # a tensor for some parameters of the SH transfer, by their names in it: their values, changes or spreads
+# A tensor for some parameters of the SH transfer, by their names in it: their values, changes or spreads.
+Weights = dict[str, Tensor]
 UNCHANGED: Weights = {}
 EVEN = torch.ones(2, 3)  # the tone that changes nothing: gains of 1
 
@@ -15,8 +16,8 @@ EVEN = torch.ones(2, 3)  # the tone that changes nothing: gains of 1
 class Colouring(NamedTuple):
     """What turns base coefficients into those of a look: its embedding, and what no embedding can express.
 
-    tone: gains of place and sky (core.appearance.tone), for a photo in a light that no training photo has, or of a refinement. changes: what a
-    refinement added to weights of the SH transfer.
+    tone: gains of place and sky (core.appearance.tone), for a photo in a light that no training photo has, or of a
+    refinement. changes: what a refinement added to weights of the SH transfer.
     """
 
     embedding: Float[Tensor, " e"]
@@ -26,7 +27,9 @@ class Colouring(NamedTuple):
     def map(self, function: Callable[[Tensor], Tensor]) -> "Colouring":
         """`function` applied to every tensor."""
         tone = None if self.tone is None else function(self.tone)
-        return Colouring(function(self.embedding), tone, {name: function(change) for name, change in self.changes.items()})
+        return Colouring(
+            function(self.embedding), tone, {name: function(change) for name, change in self.changes.items()}
+        )
 
     def detached(self) -> "Colouring":
         """A copy that learns no more."""
@@ -41,7 +44,9 @@ def blended(first: Colouring, last: Colouring, share: float) -> Colouring:
     """`share` of the way from `first` to `last`."""
     tone = None
     if first.tone is not None or last.tone is not None:
-        first_tone, last_tone = (EVEN.to(end.embedding.device) if end.tone is None else end.tone for end in (first, last))
+        first_tone, last_tone = (
+            EVEN.to(end.embedding.device) if end.tone is None else end.tone for end in (first, last)
+        )
         tone = torch.lerp(first_tone, last_tone, share)
     none = {name: torch.zeros_like(change) for name, change in (first.changes | last.changes).items()}
     begin, aim = none | first.changes, none | last.changes

@@ -15,7 +15,8 @@ from core.system.threads import one_torch_thread
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms per photo on one core
 WEAK_COMPONENT = 0.4  # of the strongest: what varies less between photos is amplified less
 UNSEEN = 1e-6  # added to the weights of cells, so that a band which the mask hides altogether has a colour, too
-ALIKE = 0.01  # of the norm of the mean summary: variation below this is not light; photos of real collections vary by 0.1 and more
+# Of the norm of the mean summary: variation below this is not light; photos of real collections vary by 0.1 and more.
+ALIKE = 0.01
 
 
 def shrink(photo: Float[Tensor, "3 h w"], side_px: int) -> Float[Tensor, "3 s s"]:
@@ -59,7 +60,8 @@ class Enc1(nn.Sequential):
 
 
 def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4"], bands: int) -> Float[Tensor, " b"]:
-    """The mean colours of `bands` horizontal bands of the photo, red of all bands first. weight: how much each cell of 4 x 4 pixels counts."""
+    """The mean colours of `bands` horizontal bands of the photo, red of all bands first.
+    weight: how much each cell of 4 x 4 pixels counts."""
     if not bands:
         return photo.new_zeros(0)
     weight = weight.detach() + UNSEEN  # detached: a mask must not learn to hide things for the sake of the embedding
@@ -72,35 +74,42 @@ def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4
 class Enc2(nn.Module):
     """l = Enc2(M * F' + F, I, M): three convolutions, the average over space, one linear layer to the embedding.
 
-    The paper's eq. 19 has no I and M. Here the linear layer also sees the photo's colours from top to bottom (`band_colours`): learned features can
-    memorise a collection's few photos, but how bright the sky and the ground are cannot be memorised.
+    The paper's eq. 19 has no I and M. Here the linear layer also sees the photo's colours from top to bottom
+    (`band_colours`): learned features can memorise a collection's few photos, but how bright the sky and the ground are
+    cannot be memorised.
     """
 
     def __init__(self, embedding_size: int, bands: int):
         super().__init__()
         self.bands = bands
         channels = CHANNELS[-1]
-        self.convolutions = nn.ModuleList(rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3))
+        self.convolutions = nn.ModuleList(
+            rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3)
+        )
         self.embedding = nn.Linear(channels + 3 * bands, embedding_size)
 
-    def summary(self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]) -> Float[Tensor, " d"]:
+    def summary(
+        self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
+    ) -> Float[Tensor, " d"]:
         """The input of the linear layer. static: the mask that weighs the photo's colours."""
         colours = band_colours(photo, static, self.bands)
         for convolution in self.convolutions:
             features = F.relu(convolution(features))
         return torch.cat([features.mean((2, 3))[0], colours])
 
-    def forward(self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]) -> Float[Tensor, " e"]:
+    def forward(
+        self, features: Float[Tensor, "1 c h4 w4"], photo: Float[Tensor, "3 h w"], static: Float[Tensor, "1 1 h4 w4"]
+    ) -> Float[Tensor, " e"]:
         return self.embedding(self.summary(features, photo, static))
 
     @torch.no_grad()
     def start_apart(self, summaries: Float[Tensor, "photos d"]) -> None:
-        """Start the last layer so that the embeddings of these photos have mean zero and no correlation. Their strongest component varies by about
-        0.7 (standard deviation), the others by less.
+        """Start the last layer so that the embeddings of these photos have mean zero and no correlation. Their
+        strongest component varies by about 0.7 (standard deviation), the others by less.
 
-        Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run. Data-dependent
-        initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified less, and where
-        photos do not differ at all, nothing is divided by zero.
+        Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run.
+        Data-dependent initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified
+        less, and where photos do not differ at all, nothing is divided by zero.
         """
         centre = summaries.mean(dim=0)
         _, strengths, directions = torch.linalg.svd(summaries - centre, full_matrices=False)
@@ -114,7 +123,8 @@ class Enc2(nn.Module):
 
 
 class PhotoEncoder(nn.Module):
-    """F = Enc1(I), F' = CAM(F), M = UNet(F'), l = Enc2(M * F' + F, I, M); only the parts that the settings need are built.
+    """F = Enc1(I), F' = CAM(F), M = UNet(F'), l = Enc2(M * F' + F, I, M);
+    only the parts that the settings need are built.
 
     No Enc2 without appearance or with a GLO table; no UNet unless the mask is the attention (then M := 1); without
     transients neither UNet nor CAM, and l = Enc2(F, I, 1).
@@ -134,7 +144,9 @@ class PhotoEncoder(nn.Module):
         if settings.encodes_photos:
             self.enc2 = Enc2(settings.embedding_size, settings.colour_bands)
 
-    def forward(self, photo: Float[Tensor, "3 h w"], masked: bool = True) -> tuple[Float[Tensor, " e"] | None, Float[Tensor, "1 h4 w4"] | None]:
+    def forward(
+        self, photo: Float[Tensor, "3 h w"], masked: bool = True
+    ) -> tuple[Float[Tensor, " e"] | None, Float[Tensor, "1 h4 w4"] | None]:
         """Embedding and mask (1 = static, at 1/4 of the photo's size, rounded up), each None if it is not built.
 
         photo: shrunk, [0, 1]. masked: whether the mask steers the embedding; if not, it is encoded with M := 1.
@@ -146,7 +158,8 @@ class PhotoEncoder(nn.Module):
     def attend(
         self, photo: Float[Tensor, "3 h w"], masked: bool
     ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, "1 1 h4 w4"], Float[Tensor, "1 1 h4 w4"] | None]:
-        """M * F' + F, the M in it, and the mask: that M, but where `masked` is False M is 1, and without a U-Net there is no mask."""
+        """M * F' + F, the M in it, and the mask: that M, but where `masked` is False M is 1,
+        and without a U-Net there is no mask."""
         features = self.enc1(photo)
         if not self.attends:
             return features, torch.ones_like(features[:, :1]), None
@@ -170,7 +183,8 @@ class PhotoEncoder(nn.Module):
 
 
 class PlainMask(nn.Module):
-    """The ablation's CNN mask: the same layers as Enc1 and UNet, but apart from the encoder, so that the mask is nobody's attention."""
+    """The ablation's CNN mask: the same layers as Enc1 and UNet, but apart from the encoder,
+    so that the mask is nobody's attention."""
 
     def __init__(self):
         super().__init__()

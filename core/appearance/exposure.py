@@ -11,7 +11,8 @@ from core.scene.harmonics import SH_0
 
 
 class ExposureTransfer(nn.Module):
-    """colour' = A colour + b, with A = 1 + W_A l + c_A and b = W_b l + c_b: one linear layer with bias; initially the identity.
+    """colour' = A colour + b, with A = 1 + W_A l + c_A and b = W_b l + c_b:
+    one linear layer with bias; initially the identity.
 
     colour = 0.5 + sum_c Y_c sh_c is linear in the coefficients, so the map is exact on them:
     sh' = A sh, and the DC coefficient also gets (A 0.5 + b - 0.5) / Y_0. (It maps colours before the clamp at 0.)
@@ -26,7 +27,9 @@ class ExposureTransfer(nn.Module):
         nn.init.zeros_(self.map.weight)
         nn.init.zeros_(self.map.bias)
 
-    def forward(self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> Float[Tensor, "v c 3"]:
+    def forward(
+        self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED
+    ) -> Float[Tensor, "v c 3"]:
         """The residual sh' - sh. Interface of SHTransfer; means and latents do not enter, and no look has changes."""
         sh = base.sh.detach() if self.settings.detach_sh else base.sh
         matrix, offset = self.change(embedding)

@@ -1,7 +1,8 @@
 """The known range: the ellipsoid of the training photos' embeddings, which are all that the SH transfer was trained on.
 
-Beyond it the SH transfer makes up colours: the embedding of a night photo, for a run on eight photos of daylight, lay six times as far out, and
-turned a white church green. The limit changes the figures of held-out photos by no more than 0.02 dB (plaza, Liberty).
+Beyond it the SH transfer makes up colours: the embedding of a night photo, for a run on eight photos of daylight, lay
+six times as far out, and turned a white church green. The limit changes the figures of held-out photos by no more than
+0.02 dB (plaza, Liberty).
 """
 
 from dataclasses import dataclass
@@ -17,9 +18,11 @@ WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what t
 
 @dataclass(frozen=True)
 class KnownRange:
-    """The ellipsoid around the mean of the training photos' embeddings that passes through the farthest of them, float64.
+    """The ellipsoid around the mean of the training photos' embeddings that
+    passes through the farthest of them, float64.
 
-    axes: the principal ones, as rows. lengths: their ratio, weak ones lengthened. size: what all lengths are multiplied by.
+    axes: the principal ones, as rows. lengths: their ratio, weak ones lengthened.
+    size: what all lengths are multiplied by.
     """
 
     centre: Float[Tensor, " e"]
@@ -33,7 +36,9 @@ class KnownRange:
         """The known range of these embeddings; without any, everything is within it."""
         met = met.double()
         if not len(met):
-            return KnownRange(met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(()))
+            return KnownRange(
+                met.new_zeros(met.shape[1]), met.new_zeros(0, met.shape[1]), met.new_zeros(0), met.new_ones(())
+            )
         centre = met.mean(dim=0)
         away = met - centre
         with one_torch_thread():  # more would round differently
@@ -48,11 +53,13 @@ class KnownRange:
     def distance(self, embedding: Float[Tensor, " e"]) -> float:
         """Its distance from the mean; the farthest of the training photos lies at 1."""
         along = (embedding.double() - self.centre) @ self.axes.T
-        return float(((along / self.lengths).norm() / self.size).float())  # rounded, so that the farthest lies at 1 exactly
+        # Rounded, so that the farthest lies at 1 exactly.
+        return float(((along / self.lengths).norm() / self.size).float())
 
     @torch.no_grad()
     def nearest(self, embedding: Float[Tensor, " e"], farthest: float = 1.0) -> Float[Tensor, " e"]:
-        """The embedding, moved toward the mean until its distance is no more than `farthest`; one that is nearer stays as it is."""
+        """The embedding, moved toward the mean until its distance is no more than `farthest`;
+        one that is nearer stays as it is."""
         distance = self.distance(embedding)
         if distance <= farthest:
             return embedding

@@ -18,7 +18,9 @@ class MaskTable(nn.Module):
     def __init__(self, photos: int):
         super().__init__()
         self.photos = nn.Parameter(torch.randn(photos, PHOTO_SIZE))
-        self.hidden = nn.ModuleList(rectified(nn.Linear(inputs, WIDTH)) for inputs in (PHOTO_SIZE + encoded_size(2, OCTAVES), WIDTH))
+        self.hidden = nn.ModuleList(
+            rectified(nn.Linear(inputs, WIDTH)) for inputs in (PHOTO_SIZE + encoded_size(2, OCTAVES), WIDTH)
+        )
         self.last = rectified(nn.Linear(WIDTH, 1))
         with torch.no_grad():
             self.last.weight *= LAST_LAYER_GAIN
@@ -26,7 +28,10 @@ class MaskTable(nn.Module):
 
     def forward(self, row: int, height: int, width: int) -> Float[Tensor, "1 {height} {width}"]:
         """The mask of the photo in this row at a size in pixels."""
-        rows, columns = ((torch.arange(size, device=self.photos.device, dtype=self.photos.dtype) * 2 + 1) / size - 1 for size in (height, width))
+        rows, columns = (
+            (torch.arange(size, device=self.photos.device, dtype=self.photos.dtype) * 2 + 1) / size - 1
+            for size in (height, width)
+        )
         positions = torch.cartesian_prod(rows, columns)
         code = self.photos[row].expand(len(positions), -1)
         values = torch.cat([code, encode(positions, OCTAVES)], dim=1)

@@ -25,7 +25,8 @@ LEAST_WINDOW = 64  # and this many steps: over fewer, the exposure jitter of sin
 
 @dataclass(frozen=True)
 class Reading:
-    """What the model reads from a photo: its embedding and its mask (1 = static, 0 = transient, at 1/4 of the shrunk photo's size, rounded up)."""
+    """What the model reads from a photo: its embedding and its mask (1 = static, 0 = transient,
+    at 1/4 of the shrunk photo's size, rounded up)."""
 
     embedding: Float[Tensor, " e"]
     mask: Float[Tensor, "1 h w"] | None
@@ -38,10 +39,11 @@ class Reading:
 class AppearanceModel(nn.Module):
     """All that is learned about looks, built from the settings; parts that are switched off do not exist.
 
-    photo_names: the training photos; row i of any table (GLO embeddings, MLP masks, met_embeddings) is that of photo_names[i].
-    mean_embedding: the running mean over training steps (`remember`), which is the neutral look; zeros before the first step. met_embeddings:
-    each photo's embedding when it was last trained on, or, until then, the first photo's; no rows unless an encoder gives embeddings.
-    finished_embeddings: two rows per photo, see `meet_as_finished`; None before. Not part of the state dict.
+    photo_names: the training photos; row i of any table (GLO embeddings, MLP masks, met_embeddings) is that of
+    photo_names[i]. mean_embedding: the running mean over training steps (`remember`), which is the neutral look; zeros
+    before the first step. met_embeddings: each photo's embedding when it was last trained on, or, until then, the first
+    photo's; no rows unless an encoder gives embeddings. finished_embeddings: two rows per photo, see
+    `meet_as_finished`; None before. Not part of the state dict.
     """
 
     mean_embedding: Tensor
@@ -52,7 +54,9 @@ class AppearanceModel(nn.Module):
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
         super().__init__()
         if settings.undecided:
-            raise BadSetting(f"{settings.undecided[0]} is not decided yet.", "Give it, or let core.training.decisions decide.")
+            raise BadSetting(
+                f"{settings.undecided[0]} is not decided yet.", "Give it, or let core.training.decisions decide."
+            )
         self.settings = settings
         self.photo_names = tuple(photo_names)
         self.encoder = None
@@ -77,7 +81,8 @@ class AppearanceModel(nn.Module):
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
     def _apply(self, function, recurse: bool = True) -> "AppearanceModel":
-        """As torch's, which `to` calls, but `remembered` stays on the CPU: reading it on a GPU would make every step wait."""
+        """As torch's, which `to` calls, but `remembered` stays on the CPU:
+        reading it on a GPU would make every step wait."""
         super()._apply(function, recurse)
         self.remembered = self.remembered.cpu()
         return self
@@ -85,10 +90,10 @@ class AppearanceModel(nn.Module):
     def read(self, picture: Float[Tensor, "3 h w"], row: int | None = None) -> Reading:
         """The embedding and mask of a photo of the scene.
 
-        picture: [0, 1], any size; it is shrunk here, and one that is shrunk already stays as it is. row: its place in `photo_names`, or None for
-        a photo that was not trained on. The embedding of such a photo is held within `known_range`; with a GLO table, which has no row for it, its
-        embedding is the mean, where a refinement can start. Without appearance the embedding is the mean too (zeros). Raises BadInput for a row
-        that does not exist.
+        picture: [0, 1], any size; it is shrunk here, and one that is shrunk already stays as it is. row: its place in
+        `photo_names`, or None for a photo that was not trained on. The embedding of such a photo is held within
+        `known_range`; with a GLO table, which has no row for it, its embedding is the mean, where a refinement can
+        start. Without appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
         """
         if row is not None and not 0 <= row < len(self.photo_names):
             raise BadInput(f"There is no photo {row} among {len(self.photo_names)}.", "Count from 0.")
@@ -109,7 +114,8 @@ class AppearanceModel(nn.Module):
 
     @torch.no_grad()
     def embedding_from_outside(self, picture: Float[Tensor, "3 h w"]) -> Float[Tensor, " e"]:
-        """The embedding of a photo from outside the collection, not held within `known_range`; the mean where no encoder gives any.
+        """The embedding of a photo from outside the collection, not held within `known_range`;
+        the mean where no encoder gives any.
 
         Encoded with M := 1 (paper, section V-G): in a photo of another place the mask may hide the night sky.
         """
@@ -121,16 +127,21 @@ class AppearanceModel(nn.Module):
 
     @torch.no_grad()
     def encoded(self, pictures: Iterable[Float[Tensor, "3 h w"]]) -> tuple[Float[Tensor, "k e"], Float[Tensor, "k e"]]:
-        """The embeddings of the training photos, in the order of their rows: as photos of the collection, and as from outside.
+        """The embeddings of the training photos, in the order of their rows:
+        as photos of the collection, and as from outside.
 
         `met_embeddings` differ from these: they come from earlier weights and from photos in random exposures.
         """
-        both = [(self.read(picture, row).embedding, self.embedding_from_outside(picture)) for row, picture in enumerate(pictures)]
+        both = [
+            (self.read(picture, row).embedding, self.embedding_from_outside(picture))
+            for row, picture in enumerate(pictures)
+        ]
         masked, unmasked = zip(*both)
         return torch.stack(masked), torch.stack(unmasked)
 
     def meet_as_finished(self, masked: Float[Tensor, "k e"], unmasked: Float[Tensor, "k e"]) -> None:
-        """Use what `encoded` gave at the end of training as `known_embeddings`, so that `known_range` holds the training photos read either way."""
+        """Use what `encoded` gave at the end of training as `known_embeddings`,
+        so that `known_range` holds the training photos read either way."""
         self.finished_embeddings = torch.cat([masked, unmasked])
 
     def transfer(
@@ -138,8 +149,9 @@ class AppearanceModel(nn.Module):
     ) -> tuple[Float[Tensor, "v c 3"], Float[Tensor, "v c 3"] | None]:
         """(sh', residual): the coefficients in a look, and what was added to the base to get them.
 
-        changes: of the SH transfer's weights, in a look that has some. The residual is None where there is none to regularise: without
-        appearance (sh' is the base SH itself), and where the transfer predicts sh' directly (`residual` off).
+        changes: of the SH transfer's weights, in a look that has some. The residual is None where there is none to
+        regularise: without appearance (sh' is the base SH itself), and where the transfer predicts sh' directly
+        (`residual` off).
         """
         if self.sh_transfer is None:
             return base.sh, None
@@ -152,7 +164,8 @@ class AppearanceModel(nn.Module):
         return self.sh_transfer is not None and (self.settings.appearance != "full" or self.settings.residual)
 
     def given_spread(self) -> Weights:
-        """The standard deviation, over the training photos, of the weights that embeddings give; see SHTransfer.given_spread."""
+        """The standard deviation, over the training photos, of the weights that embeddings give;
+        see SHTransfer.given_spread."""
         with one_torch_thread():  # more would round differently
             return UNCHANGED if self.sh_transfer is None else self.sh_transfer.given_spread(self.known_embeddings)
 
@@ -173,7 +186,8 @@ class AppearanceModel(nn.Module):
         latents: Float[Tensor, "n l"] | None = None,
         changes: Weights = UNCHANGED,
     ) -> Splats:
-        """The Gaussians in one look, without a gradient; for float32 on the CPU, the SH are those of `transfer`, bit for bit."""
+        """The Gaussians in one look, without a gradient;
+        for float32 on the CPU, the SH are those of `transfer`, bit for bit."""
         splats = splats.detached()
         given = TransferInput(splats.sh, splats.means, latents), embedding, changes
         if self.sh_transfer is not None and self.predicts_residuals:
@@ -182,22 +196,25 @@ class AppearanceModel(nn.Module):
 
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:
-        """The embeddings of the training photos: finished ones, else the table's, else as last met. None without appearance and before training."""
+        """The embeddings of the training photos: finished ones, else the table's, else as last met.
+        None without appearance and before training."""
         if self.finished_embeddings is not None:
             return self.finished_embeddings
         known = self.met_embeddings if self.embedding_table is None else self.embedding_table.detach()
         return known if self.remembered else known[:0]
 
     def known_range(self) -> KnownRange:
-        """Where embeddings may lie: anywhere while none is known. Costs a singular value decomposition of the known ones."""
+        """Where embeddings may lie: anywhere while none is known.
+        Costs a singular value decomposition of the known ones."""
         return KnownRange.of(self.known_embeddings)
 
     @torch.no_grad()
     def remember(self, embedding: Float[Tensor, " e"], row: int) -> None:
         """Let the embedding of a training photo enter `met_embeddings` and `mean_embedding`.
 
-        The mean is an exponential moving average with bias correction. With decay d the t-th embedding enters with weight
-        (1 - d) / (1 - d^t), 1 for the first: the correction of Adam (Kingma & Ba 2015, section 3), written for the corrected mean.
+        The mean is an exponential moving average with bias correction. With decay d the t-th embedding enters with
+        weight (1 - d) / (1 - d^t), 1 for the first: the correction of Adam (Kingma & Ba 2015, section 3), written for
+        the corrected mean.
         """
         if not self.remembered:
             self.met_embeddings[:] = embedding

@@ -1,4 +1,5 @@
-"""The encoded places of Gaussians on a GPU: core.appearance.positional_encoding in one launch, where plain torch takes thirty."""
+"""The encoded places of Gaussians on a GPU: core.appearance.positional_encoding in one launch,
+where plain torch takes thirty."""
 
 import math
 
@@ -37,5 +38,7 @@ def encode_places(means, places, count, OCTAVES: tl.constexpr, BLOCK: tl.constex
 def encoded_places(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
     """`positional_encoding.encoded_places` for float32 on a GPU."""
     places = means.new_empty(len(means), encoded_size(3, octaves))
-    encode_places[blocks(len(means), BLOCK)](means.contiguous(), places, len(means), OCTAVES=octaves, BLOCK=BLOCK, **FUSED)
+    encode_places[blocks(len(means), BLOCK)](
+        means.contiguous(), places, len(means), OCTAVES=octaves, BLOCK=BLOCK, **FUSED
+    )
     return places

@@ -1,8 +1,9 @@
 """Refinement: a look is fitted to the photo that it was read from, seen by that photo's own camera.
 
-First the tone and the weights that the embedding gives, which may take values that no embedding gives; where embeddings give no weights, the
-embedding itself. Then the hidden layers of the SH transfer too: places are an input of these, so they can learn where in this one photo a
-shadow falls. What the photo does not show is held to the look of the first part meanwhile, or it would take on colours that nothing bears out.
+First the tone and the weights that the embedding gives, which may take values that no embedding gives; where embeddings
+give no weights, the embedding itself. Then the hidden layers of the SH transfer too: places are an input of these, so
+they can learn where in this one photo a shadow falls. What the photo does not show is held to the look of the first
+part meanwhile, or it would take on colours that nothing bears out.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -21,14 +22,19 @@ from core.scene.camera import Camera
 from core.scene.cells import cell_of_pixels, cell_sums, grid
 from core.system.threads import threads_for_blocks
 
-STEPS, RATE = 128, 0.1  # of Adam, as WildGaussians and nerfbaselines have them; a rate falls to zero along half a cosine
+# Of Adam, as WildGaussians and nerfbaselines have them; a rate falls to zero along half a cosine.
+STEPS, RATE = 128, 0.1
 LATER_STEPS, HIDDEN_RATE = 64, 0.003  # of the second part; 128 steps at 0.001 end within 0.1 dB
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8  # the defaults of Adam's authors
 TONE_RATE = 0.02  # of the logarithms of the gains; 0.01 to 0.05 are within 0.1 dB of each other
-GIVEN_RATE = 0.02  # of weights that embeddings give, in units of how widely these differ between looks: all steps move one by no more than two
-HELD, HOLD = 2000, 0.05  # of Gaussians that the photo does not show: how many a step samples, and the weight of how far their SH move
+# Of weights that embeddings give, in units of how widely these differ between looks: all steps move one by no more than
+# two.
+GIVEN_RATE = 0.02
+# Of Gaussians that the photo does not show: how many a step samples, and the weight of how far their SH move.
+HELD, HOLD = 2000, 0.05
 UNSEEN_PX = 1.0  # a Gaussian that makes up less of a photo is not shown by it
-LONGER_SIDE_PX = 640  # the longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit
+# The longer side of a photo that looks are compared with: finer cells say where things lie, not how they are lit.
+LONGER_SIDE_PX = 640
 LEAST_SKY = 0.1  # weight of a cell of sky, however little of the place there is
 FARTHEST = 2.0  # times as far out as the known range ends; see core.appearance.known_range
 
@@ -39,8 +45,8 @@ Course = Generator[Colouring, None, Colouring]  # the best look so far after eac
 class Refinable(Protocol):
     """What a camera sees of a scene whose look follows a Colouring.
 
-    given_spread: the standard deviation, between looks, of the output layer that embeddings give; empty where an embedding is an input instead.
-    hidden_weights: of the hidden layers; empty for a transfer that has none.
+    given_spread: the standard deviation, between looks, of the output layer that embeddings give; empty where an
+    embedding is an input instead. hidden_weights: of the hidden layers; empty for a transfer that has none.
     """
 
     given_spread: Weights
@@ -56,7 +62,8 @@ class Refinable(Protocol):
         """The embedding, or the nearest to it that a refinement may take."""
 
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
-        """The SH of these Gaussians in this look, before tone and sky; differentiable by whatever of the look they depend on."""
+        """The SH of these Gaussians in this look, before tone and sky;
+        differentiable by whatever of the look they depend on."""
 
 
 @runtime_checkable
@@ -69,7 +76,8 @@ class InCells(Protocol):
 
     @property
     def unseen(self) -> Int[Tensor, " u"]:
-        """Rows of the Gaussians of which it shows less than UNSEEN_PX: what lies out of view, behind something, or where nothing counts."""
+        """Rows of the Gaussians of which it shows less than UNSEEN_PX:
+        what lies out of view, behind something, or where nothing counts."""
 
     def sums(self, look: Colouring) -> Float[Tensor, "cells 3"]:
         """The sums of the pixels of each cell in this look; differentiable by whatever of the look they depend on."""
@@ -77,7 +85,8 @@ class InCells(Protocol):
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a photo shows, against which a look is refined. picture: as `camera` sees it, [0, 1]. weight: how much each pixel counts, [0, 1]."""
+    """What a photo shows, against which a look is refined. picture: as `camera` sees it, [0, 1].
+    weight: how much each pixel counts, [0, 1]."""
 
     camera: Camera
     picture: Float[Tensor, "h w 3"]
@@ -92,7 +101,9 @@ class Wanted:
             return Wanted(camera, picture, weight)
 
         def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
-            return F.interpolate(values.permute(2, 0, 1)[None], size=(small.height, small.width), mode="area")[0].permute(1, 2, 0)
+            return F.interpolate(values.permute(2, 0, 1)[None], size=(small.height, small.width), mode="area")[
+                0
+            ].permute(1, 2, 0)
 
         share = means(weight[..., None])
         return Wanted(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])
@@ -111,10 +122,11 @@ def steps_of(seen: Refinable) -> int:
 def refinement(seen: Refinable, start: Colouring, photo: Wanted) -> Iterator[Colouring]:
     """The best look after 0, 1, ... `steps_of(seen)` steps from `start`. photo: of the camera that sees the view.
 
-    It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are lit. L1,
-    because passers-by would pull harder on a squared error; what looks strange in `start` counts less. All sky together counts no more than the
-    place, whose look a photo that is mostly sky would otherwise bend (core/TRIED.md, "Refinement"). The best-fitting step so far is kept, the
-    start included. The result is the same for any number of threads, which torch's own matrix products do not ensure on every processor.
+    It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are
+    lit. L1, because passers-by would pull harder on a squared error; what looks strange in `start` counts less. All sky
+    together counts no more than the place, whose look a photo that is mostly sky would otherwise bend (core/TRIED.md,
+    "Refinement"). The best-fitting step so far is kept, the start included. The result is the same for any number of
+    threads, which torch's own matrix products do not ensure on every processor.
     """
     photo = without_strangers(seen, start, photo)
     cells, (counted, wanted) = seen.in_cells(photo.weight), photo.cell_sums()
@@ -131,11 +143,15 @@ def refinement(seen: Refinable, start: Colouring, photo: Wanted) -> Iterator[Col
 
 @torch.no_grad()
 def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted:
-    """The photo with lower weights, down to 0, where it looks strange in this look: passers-by would otherwise be painted onto the place."""
+    """The photo with lower weights, down to 0, where it looks strange in this look:
+    passers-by would otherwise be painted onto the place."""
     counted, sums = photo.cell_sums()
     with threads_for_blocks():
         both = seen.in_cells(photo.weight).sums(look), sums
-        shown, wanted = ((each / counted[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera.height, photo.camera.width)) for each in both)
+        shown, wanted = (
+            (each / counted[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera.height, photo.camera.width))
+            for each in both
+        )
         static = 1 - excess(shown, wanted) / LARGEST_EXCESS
     return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.camera, counted.device)])
 
@@ -143,8 +159,9 @@ def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
     """The first part: learn the tone and the weights that the embedding gives or, where it gives none, the embedding.
 
-    The embedding stays within `bound`: beyond, the SH transfer makes up colours for what the photo does not show. One that gives weights stays
-    as it is: refined beside them it fits the photo no better, and changes more of what other cameras see (core/TRIED.md, "Refinement").
+    The embedding stays within `bound`: beyond, the SH transfer makes up colours for what the photo does not show. One
+    that gives weights stays as it is: refined beside them it fits the photo no better, and changes more of what other
+    cameras see (core/TRIED.md, "Refinement").
     """
     embedding, tone, changes = start.detached()
     gains = (EVEN.to(embedding.device) if tone is None else tone).log()
@@ -156,10 +173,17 @@ def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring],
     return _descent(learning, STEPS, lambda: Colouring(embedding, gains.exp(), changes), misfit)
 
 
-def _place_by_place(seen: Refinable, first: Colouring, misfit: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]) -> Course:
-    """The second part: learn the hidden layers, and further the weights that embeddings give; `unseen` Gaussians are held at the look `first`."""
-    changes = {name: torch.zeros_like(weight) for name, weight in seen.hidden_weights.items()} | first.detached().changes
-    rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(seen.hidden_weights, HIDDEN_RATE)
+def _place_by_place(
+    seen: Refinable, first: Colouring, misfit: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]
+) -> Course:
+    """The second part: learn the hidden layers, and further the weights that embeddings give;
+    `unseen` Gaussians are held at the look `first`."""
+    changes = {
+        name: torch.zeros_like(weight) for name, weight in seen.hidden_weights.items()
+    } | first.detached().changes
+    rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(
+        seen.hidden_weights, HIDDEN_RATE
+    )
     generator = torch.Generator().manual_seed(0)
 
     def moved(look: Colouring) -> Tensor | float:
@@ -172,13 +196,16 @@ def _place_by_place(seen: Refinable, first: Colouring, misfit: Callable[[Colouri
         return (seen.harmonics(rows, look) - before).abs().sum(dim=1).mean()
 
     learning = [_Learning(changes[name], rate) for name, rate in rates.items()]
-    course = _descent(learning, LATER_STEPS, lambda: first._replace(changes=changes), lambda look: misfit(look) + HOLD * moved(look))
+    course = _descent(
+        learning, LATER_STEPS, lambda: first._replace(changes=changes), lambda look: misfit(look) + HOLD * moved(look)
+    )
     next(course)  # `first` itself, with which the first part ended
     return (yield from course)
 
 
 class _Learning:
-    """Adam (Kingma & Ba 2015) for one tensor, in place. torch's own would import its compiler, which takes as long as half of a refinement.
+    """Adam (Kingma & Ba 2015) for one tensor, in place.
+    torch's own would import its compiler, which takes as long as half of a refinement.
 
     rate: of each number, or of all. bound: where the tensor may be.
     """
@@ -199,8 +226,11 @@ class _Learning:
             self.value.copy_(self.bound(self.value))
 
 
-def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colouring], loss_of: Callable[[Colouring], Tensor]) -> Course:
-    """The best look after 0, 1, ... `steps` steps; returns the last of these. learned: the look of what is learned, as it is now."""
+def _descent(
+    learning: list[_Learning], steps: int, learned: Callable[[], Colouring], loss_of: Callable[[Colouring], Tensor]
+) -> Course:
+    """The best look after 0, 1, ... `steps` steps; returns the last of these.
+    learned: the look of what is learned, as it is now."""
     best, least = learned().detached(), float("inf")
     for step in range(steps + 1):
         with torch.enable_grad(), threads_for_blocks():
@@ -219,8 +249,8 @@ def _descent(learning: list[_Learning], steps: int, learned: Callable[[], Colour
 
 
 def _share_of_cells(sky: Float[Tensor, " cells"], counted: Float[Tensor, " cells"]) -> Float[Tensor, " cells"]:
-    """The weight of each cell's pixels: 1, but less for sky where all sky together would outweigh the place. sky, counted: how many of each cell's
-    pixels are sky, and how many count."""
+    """The weight of each cell's pixels: 1, but less for sky where all sky together would outweigh the place. sky,
+    counted: how many of each cell's pixels are sky, and how many count."""
     place = (counted - sky).clamp_min(0)
     weight = (place.sum() / sky.sum().clamp_min(1e-6)).clamp(LEAST_SKY, 1.0)
     return 1 - (1 - weight) * sky / (sky + place).clamp_min(1e-6)

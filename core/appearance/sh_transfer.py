@@ -18,14 +18,16 @@ from core.scene.harmonics import coefficient_count
 from core.system.threads import threads_for_blocks
 
 LAST_LAYER_SPREAD = 1e-3  # near zero: a run starts at the base look, and yet every layer has a gradient
-MIXING_GAIN = 0.25  # one embedding moves every weight of the output layer; from 0.1 to 1 all are within 0.2 dB of each other
+# One embedding moves every weight of the output layer; from 0.1 to 1 all are within 0.2 dB of each other.
+MIXING_GAIN = 0.25
 
 
 @dataclass(frozen=True)
 class TransferInput:
     """What the SH transfer reads of V Gaussians.
 
-    sh: base coefficients. means: scene frame, finite; they get no gradient. latents: needed exactly if the setting `latent_size` > 0.
+    sh: base coefficients. means: scene frame, finite; they get no gradient.
+    latents: needed exactly if the setting `latent_size` > 0.
     """
 
     sh: Float[Tensor, "v c 3"]
@@ -34,17 +36,19 @@ class TransferInput:
 
 
 class SHTransfer(nn.Module):
-    """delta = bound * tanh(G(gamma(sh), z, gamma(mu), l) / bound), G an MLP (paper, eq. 9: Delta sh_jk); sh' itself where `residual` is off.
+    """delta = bound * tanh(G(gamma(sh), z, gamma(mu), l) / bound), G an MLP (paper, eq.
+    9: Delta sh_jk); sh' itself where `residual` is off.
 
     gamma(sh): the coefficients, with `sh_octaves` octaves. gamma(mu): centres contracted into [-1, 1], with
-    `position_octaves` octaves. z: a latent of `latent_size` numbers per Gaussian, if that is not 0. The view direction is no
+    `position_octaves` octaves. z: a latent of `latent_size` numbers per Gaussian,
+    if that is not 0. The view direction is no
     input: only so can a look be baked into a file.
 
-    `embedding_enters` "input": l is an input of the first layer, as in the paper; its share of that layer is the same for
-    all Gaussians and computed once. "output": the hidden layers do not know the photo, and l gives the weights of
-    the last one, a linear map V(l) of the hidden layer, of gamma(sh), of z and of 1. Residuals are then linear in l before the bound,
-    sums of patterns that all photos share, as light is of its sources; a photo shows one side of a place, and so what it
-    tells of the other side is better founded.
+    `embedding_enters` "input": l is an input of the first layer, as in the paper; its share of that layer is the same
+    for all Gaussians and computed once. "output": the hidden layers do not know the photo, and l gives the weights of
+    the last one, a linear map V(l) of the hidden layer, of gamma(sh), of z and of 1. Residuals are then linear in l
+    before the bound, sums of patterns that all photos share, as light is of its sources; a photo shows one side of a
+    place, and so what it tells of the other side is better founded.
 
     Deliberate differences from the paper: the output is bounded; no gradient flows into the centres (colour is no
     reason to move a Gaussian, and a third of the first layer's backward pass is saved).
@@ -57,7 +61,11 @@ class SHTransfer(nn.Module):
         self.feature_columns = encoded_size(self.coefficients, settings.sh_octaves) + settings.latent_size
         self.mixes = settings.embedding_enters == "output"
         # Inputs of the first layer: the features, the place, and the embedding where it enters there.
-        self.first_columns = self.feature_columns, encoded_size(3, settings.position_octaves), 0 if self.mixes else settings.embedding_size
+        self.first_columns = (
+            self.feature_columns,
+            encoded_size(3, settings.position_octaves),
+            0 if self.mixes else settings.embedding_size,
+        )
         width = settings.transfer_width
         inputs = sum(self.first_columns), *(width,) * (settings.transfer_layers - 2)
         layers = [nn.Linear(columns, width) for columns in inputs]
@@ -69,12 +77,14 @@ class SHTransfer(nn.Module):
         nn.init.normal_(self.last.weight, std=LAST_LAYER_SPREAD)
         nn.init.zeros_(self.last.bias)
 
-    def forward(self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> Float[Tensor, "v c 3"]:
+    def forward(
+        self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED
+    ) -> Float[Tensor, "v c 3"]:
         """The bounded output for each Gaussian: the residual of its SH, or its SH where `residual` is off.
 
-        changes: added to the weights of these names for this call. Differentiable in everything but the means, and the base SH if `detach_sh`.
-        A row's result does not depend on the other rows (bit for bit for float32 on the CPU). Raises BadInput if the sizes are not those of
-        the settings.
+        changes: added to the weights of these names for this call. Differentiable in everything but the means, and the
+        base SH if `detach_sh`. A row's result does not depend on the other rows (bit for bit for float32 on the CPU).
+        Raises BadInput if the sizes are not those of the settings.
         """
         self.check(base)
         sh, means, latents = base.sh, base.means, base.latents
@@ -89,7 +99,9 @@ class SHTransfer(nn.Module):
             return blockwise_mlp(encoded_sh, latents, means, hidden_layers, output_layer, octaves, bound).view_as(sh)
 
     @torch.no_grad()
-    def added(self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> Float[Tensor, "v c 3"]:
+    def added(
+        self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED
+    ) -> Float[Tensor, "v c 3"]:
         """The base SH plus `forward`, bit for bit; without a gradient, and on a CPU in one pass."""
         sh = base.sh
         if not goes_blockwise(sh):
@@ -98,13 +110,17 @@ class SHTransfer(nn.Module):
         octaves, bound = self.settings.position_octaves, self.settings.residual_bound
         with threads_for_blocks():
             layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
-            return blockwise_sum(sh.flatten(1), self.encoded(sh), base.latents, base.means, *layers, octaves, bound).view_as(sh)
+            return blockwise_sum(
+                sh.flatten(1), self.encoded(sh), base.latents, base.means, *layers, octaves, bound
+            ).view_as(sh)
 
     @torch.no_grad()
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:
-        """How widely the output layers that these embeddings give differ (standard deviations); empty where an embedding is an input.
+        """How widely the output layers that these embeddings give differ (standard deviations);
+        empty where an embedding is an input.
 
-        By the name of the bias of the map that gives them: a change of it moves the output layers of all embeddings alike.
+        By the name of the bias of the map that gives them:
+        a change of it moves the output layers of all embeddings alike.
         """
         return {"last.bias": self.last(embeddings).std(dim=0)} if self.mixes and len(embeddings) > 1 else {}
 
@@ -126,7 +142,9 @@ class SHTransfer(nn.Module):
     def hidden_layers(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> HiddenLayers:
         """The hidden layers of this photo."""
         require("embedding numbers", embedding.shape[0], self.settings.embedding_size)
-        first_weight, first_bias, *further = [changed(weight, f"layers.{name}", changes) for name, weight in self.layers.named_parameters()]
+        first_weight, first_bias, *further = [
+            changed(weight, f"layers.{name}", changes) for name, weight in self.layers.named_parameters()
+        ]
         feature_weight, place_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
         if not self.mixes:
             first_bias = embedding_weight @ embedding + first_bias
@@ -141,7 +159,9 @@ class SHTransfer(nn.Module):
         if not self.mixes:
             return OutputLayer(weight, weight.new_empty(self.coefficients, 0), bias)
         mixed = MIXING_GAIN * F.linear(embedding, weight, bias).view(self.coefficients, -1)
-        output_weight, skip_weight, output_bias = mixed.split((self.layers[0].out_features, self.feature_columns, 1), dim=1)
+        output_weight, skip_weight, output_bias = mixed.split(
+            (self.layers[0].out_features, self.feature_columns, 1), dim=1
+        )
         return OutputLayer(output_weight, skip_weight, output_bias.squeeze(1))
 
 

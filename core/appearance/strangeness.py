@@ -1,4 +1,5 @@
-"""How strange a photo's places look: transients, such as passers-by, bring colours that the place does not have in any light."""
+"""How strange a photo's places look: transients, such as passers-by,
+bring colours that the place does not have in any light."""
 
 import numpy as np
 import torch
@@ -6,10 +7,12 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-# The yardstick of an error, in chromaticity: what differs by less is light, or what is not learned yet. On training photos of plaza 79 %
-# of the passers-by differ by more and 27 % of the rest, on those of the Statue of Liberty 14 % of everything.
+# The yardstick of an error, in chromaticity: what differs by less is light, or what is not learned yet. On training
+# photos of plaza 79 % of the passers-by differ by more and 27 % of the rest, on those of the Statue of Liberty 14 % of
+# everything.
 STRANGE = 0.05
-USUAL = 0.8  # quantile of a photo's errors that is its yardstick if above STRANGE: passers-by seldom cover more than the rest
+# Quantile of a photo's errors that is its yardstick if above STRANGE: passers-by seldom cover more than the rest.
+USUAL = 0.8
 LARGEST_EXCESS = 2.0  # an error three times the yardstick is as strange as can be
 DARK = 0.1  # brightness at which a chromaticity counts half: in the dark it is noise
 BRIGHTEST = 2.0  # of a render or a photo in training, far above what exposure jitter brings
@@ -19,9 +22,10 @@ RIDGE = 1e-4  # of colours in [0, 1] squared: where they vary by less than a hun
 def excess(shown: Float[Tensor, "3 h w"], wanted: Float[Tensor, "3 h w"]) -> Float[Tensor, "1 h w"]:
     """By how much a photo differs from a render beyond the yardstick, in units of it: from 0 to LARGEST_EXCESS.
 
-    shown, wanted: render and photo, averaged over cells. The render is brought into the photo's tone, and what is left between their
-    chromaticities is the error: a passer-by changes it, shade and detail that is not learned yet hardly do. The yardstick is STRANGE, or the
-    photo's own large errors if these are larger. Where the photo is black (or says nothing, as under a given mask) there is no error.
+    shown, wanted: render and photo, averaged over cells. The render is brought into the photo's tone, and what is left
+    between their chromaticities is the error: a passer-by changes it, shade and detail that is not learned yet hardly
+    do. The yardstick is STRANGE, or the photo's own large errors if these are larger. Where the photo is black (or says
+    nothing, as under a given mask) there is no error.
     """
     shown, wanted = shown.clamp(0, BRIGHTEST), wanted.clamp(0, BRIGHTEST)
     tints = chromaticity(torch.stack([retoned(shown, wanted), wanted]))
@@ -38,8 +42,8 @@ def chromaticity(colours: Float[Tensor, "2 3 h w"]) -> Float[Tensor, "2 3 h w"]:
 def retoned(shown: Float[Tensor, "3 h w"], wanted: Float[Tensor, "3 h w"]) -> Float[Tensor, "3 h w"]:
     """`shown` in the tone of `wanted`, by the affine map of colours that suits the cells best (least squares); >= 0.
 
-    So a tone that the look has not learned does not make a photo strange. Where the colours do not determine a map, it stays
-    near the identity. (Robust weights, which keep passers-by from bending the map, found no more of them.)
+    So a tone that the look has not learned does not make a photo strange. Where the colours do not determine a map, it
+    stays near the identity. (Robust weights, which keep passers-by from bending the map, found no more of them.)
     """
     inputs = torch.cat([shown, torch.ones_like(shown[:1])]).flatten(1)
     share = inputs / inputs.shape[1]

@@ -1,8 +1,8 @@
 """The tone of a photo whose light no look holds: one gain of the sky and one of the place, per channel.
 
-Training jitters exposure and white balance of each photo, for the encoder and as the target alike. So a gain may be divided out of a photo
-before it is encoded, and applied to the Gaussians of the look that results: colours are linear in their coefficients. Sky and place have one
-each: at night the sky is black and the place is lit.
+Training jitters exposure and white balance of each photo, for the encoder and as the target alike. So a gain may be
+divided out of a photo before it is encoded, and applied to the Gaussians of the look that results: colours are linear
+in their coefficients. Sky and place have one each: at night the sky is black and the place is lit.
 """
 
 import torch
@@ -14,8 +14,10 @@ from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 
 BANDS = 4  # horizontal ones of a photo, whose mean colours tell sky from place
-TOWARD_ONE = 0.1  # the share of a band that moves a gain half of the way from 1; 0.05 to 0.4 are within 0.1 dB of each other
-LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4  # darker is nearly black in 8 bits; brighter is beyond the jitter of training, which is clamped here, too
+# The share of a band that moves a gain half of the way from 1; 0.05 to 0.4 are within 0.1 dB of each other.
+TOWARD_ONE = 0.1
+# Darker is nearly black in 8 bits; brighter is beyond the jitter of training, which is clamped here, too.
+LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4
 ROUNDS = 100  # of coordinate descent
 DIM = 1e-6  # makes 0 / 0 a gain of 1, in bands where views show nothing
 
@@ -26,9 +28,11 @@ def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:
 
 
 def tone_between(shares: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "bands 3"]) -> Float[Tensor, "2 3"]:
-    """The tone in which what place and sky add to the mean colours of the bands, their shares, comes nearest to those wanted.
+    """The tone in which what place and sky add to the mean colours of the bands, their shares,
+    comes nearest to those wanted.
 
-    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 per channel, LEAST_GAIN <= g <= LARGEST_GAIN, by coordinate descent.
+    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 per channel,
+    LEAST_GAIN <= g <= LARGEST_GAIN, by coordinate descent.
     """
     place, sky = shares.double()
     wanted = wanted.double()
@@ -42,7 +46,9 @@ def tone_between(shares: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "band
     return tone.float()
 
 
-def taken_off(picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], shares: Float[Tensor, "2 bands 3"]) -> Float[Tensor, "3 h w"]:
+def taken_off(
+    picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], shares: Float[Tensor, "2 bands 3"]
+) -> Float[Tensor, "3 h w"]:
     """The photo without the tone, in [0, 1]: every row divided by the gain of what place and sky add up to there."""
     with_tone, without = ((shares * gain).sum(dim=0) + DIM for gain in (tone[:, None], 1.0))
     rows = F.interpolate((with_tone / without).T[None], size=picture.shape[1], mode="linear", align_corners=False)[0]
@@ -50,7 +56,8 @@ def taken_off(picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], share
 
 
 def toned(splats: Splats, tone: Float[Tensor, "2 3"], sky: int) -> Splats:
-    """The Gaussians, the last `sky` of which are the dome, with every colour times its gain; exactly, as max(0, c) keeps to gains >= 0."""
+    """The Gaussians, the last `sky` of which are the dome, with every colour times its gain;
+    exactly, as max(0, c) keeps to gains >= 0."""
     place = len(splats) - sky
     gains = torch.cat([tone[:1].expand(place, 3), tone[1:].expand(sky, 3)]).to(splats.sh)
     sh = splats.sh * gains[:, None]

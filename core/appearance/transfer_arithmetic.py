@@ -1,4 +1,5 @@
-"""What comes before and after the matrix products of the SH transfer, in Numba: torch's passes took longer than the products.
+"""What comes before and after the matrix products of the SH transfer, in Numba:
+torch's passes took longer than the products.
 
 A strip of rows is in cache while they work on it. Numba may contract a product and a sum into one instruction
 here; a row's result does not depend on the other rows.
@@ -8,9 +9,12 @@ import numpy as np
 
 from core.kernels.compiled import part
 
-# tanh x = x P(x^2) / Q(x^2), fitted on [0, SATURATED] for the least relative error, 2e-8; beyond it float32 rounds tanh to 1.
+# tanh x = x P(x^2) / Q(x^2), fitted on [0, SATURATED] for the least relative error, 2e-8; beyond it float32 rounds tanh
+# to 1.
 SATURATED = np.float32(9.0)
-P_0, P_1, P_2, P_3, P_4 = map(np.float32, (9.9999998e-01, 1.33810681e-01, 3.49563718e-03, 2.06098358e-05, 1.33555958e-08))
+P_0, P_1, P_2, P_3, P_4 = map(
+    np.float32, (9.9999998e-01, 1.33810681e-01, 3.49563718e-03, 2.06098358e-05, 1.33555958e-08)
+)
 Q_1, Q_2, Q_3, Q_4 = map(np.float32, (4.67143837e-01, 2.58771722e-02, 3.28571276e-04, 7.77696447e-07))
 ONE, TWO = np.float32(1.0), np.float32(2.0)
 # Taylor's series of sin and cos at (pi / 2) x, in powers of x^2; the first term left out is below 1e-8 for |x| <= 1.
@@ -39,16 +43,18 @@ def bound_softly(values, bound, base, output):
         elif y < -ONE:
             y = -ONE
         output[i] = bound * y
-    for i in range(len(base)):  # on its own: contracted with the product, the sum would be rounded once less than the live look's
+    # On its own: contracted with the product, the sum would be rounded once less than the live look's.
+    for i in range(len(base)):
         output[i] = base[i] + output[i]
 
 
 @part
 def encode_places(means, octaves, encoded):
-    """positional_encoding.encode(contract(means), octaves) of float32 means (n, 3), transposed into `encoded` (columns, >= n) float32.
+    """positional_encoding.encode(contract(means), octaves) of float32 means (n, 3),
+    transposed into `encoded` (columns, >= n) float32.
 
-    Sine and cosine of pi x follow from those of pi x / 2 as an octave follows from the one below it. A loop runs along the
-    Gaussians and does one thing, so that the compiler makes vectors of it.
+    Sine and cosine of pi x follow from those of pi x / 2 as an octave follows from the one below it. A loop runs along
+    the Gaussians and does one thing, so that the compiler makes vectors of it.
     """
     count = len(means)
     for i in range(count):

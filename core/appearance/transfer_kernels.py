@@ -1,11 +1,11 @@
 """The MLP of the SH transfer on some rows, its forward and its backward pass, as Numba kernels.
 
-Called one by one from Python, a BLAS computes the matrix products as fast as `multiply` does, but the threads then wait for each
-other at the interpreter's lock (a third of the time on two), and bias, ReLU and tanh are passes of their own. Here a strip
-of rows stays in cache from the first layer to the last.
+Called one by one from Python, a BLAS computes the matrix products as fast as `multiply` does, but the threads then wait
+for each other at the interpreter's lock (a third of the time on two), and bias, ReLU and tanh are passes of their own.
+Here a strip of rows stays in cache from the first layer to the last.
 
-Weights come transposed, (inputs, outputs), and padded with zeros to whole panels; `back_` ones, for the backward pass, are
-padded but not transposed. Buffers have padded columns too, which stay zero.
+Weights come transposed, (inputs, outputs), and padded with zeros to whole panels; `back_` ones, for the backward pass,
+are padded but not transposed. Buffers have padded columns too, which stay zero.
 """
 
 import numpy as np
@@ -72,15 +72,19 @@ def evaluate(
     feature_weight, place_weight, first_bias, hidden_weights, hidden_biases, output_weight, skip_weight, output_bias,
     kept, output,
 ):  # fmt: skip
-    """Write rows begin..end of bound * tanh(y / bound), plus those of `base` unless that is empty, to `output` (n, out).
+    """Write rows begin..end of bound * tanh(y / bound),
+    plus those of `base` unless that is empty, to `output` (n, out).
 
-    kept: (layers, whole strips of rows, width) for the hidden layers, or (layers, 0, width) if no backward pass will ask for them.
+    kept: (layers, whole strips of rows, width) for the hidden layers, or (layers, 0,
+    width) if no backward pass will ask for them.
     """
     features = buffer_of(encoded_sh, latents)
     places = matrix(len(place_weight), STRIP)
     y, narrow = matrix(STRIP, len(output_bias)), _room_for(STRIP * output.shape[1])
     keeps = kept.shape[1] > 0
-    hidden = kept if keeps else matrix(kept.shape[0] * STRIP, kept.shape[2]).reshape(kept.shape[0], STRIP, kept.shape[2])
+    hidden = (
+        kept if keeps else matrix(kept.shape[0] * STRIP, kept.shape[2]).reshape(kept.shape[0], STRIP, kept.shape[2])
+    )
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
         read_strip(encoded_sh, latents, means, octaves, first, last, features, places)
@@ -93,14 +97,21 @@ def evaluate(
             multiply(before, False, hidden_weights[layer], hidden_biases[layer : layer + 1], here, ZERO)
         multiply(here, False, output_weight, output_bias.reshape(1, -1), y, ANY)
         multiply(features, False, skip_weight, y, y, ANY)
-        bound_softly(without_padding(y, output.shape[1], narrow), bound, base[first:last].reshape(-1), output[first:last].reshape(-1))
+        bound_softly(
+            without_padding(y, output.shape[1], narrow),
+            bound,
+            base[first:last].reshape(-1),
+            output[first:last].reshape(-1),
+        )
 
 
 @kernel
 def differentiate_output(
-    begin, end, encoded_sh, latents, bound, output, output_gradient, kept, to_output_weight, to_skip_weight, to_output_bias,
+    begin, end, encoded_sh, latents, bound, output, output_gradient, kept,
+    to_output_weight, to_skip_weight, to_output_bias,
 ):  # fmt: skip
-    """Write the part of dL/d(weights) of the output layer that rows begin..end of dL/d(output) make, transposed and padded (also to whole tiles).
+    """Write the part of dL/d(weights) of the output layer that rows begin..end of dL/d(output) make,
+    transposed and padded (also to whole tiles).
 
     output, kept: as `evaluate` left them, without a base. A gradient that is not wanted is empty.
     """
@@ -163,7 +174,8 @@ def differentiate_hidden(
 
 @part
 def without_padding(rows, columns, room):
-    """The first columns of the rows, one row behind the other, (n,): a loop over all of them is a third faster than one in each row.
+    """The first columns of the rows, one row behind the other, (n,):
+    a loop over all of them is a third faster than one in each row.
 
     In `room`, unless they lie so already.
     """
@@ -188,8 +200,8 @@ def before_bound(output, output_gradient, bound, into):
 
 @part
 def add_products(inputs, transpose, gradient, sums):
-    """Add the gradient of a weight, the transposed inputs times `gradient`, unless `sums` is empty. transpose: whether the inputs are still to be
-    transposed."""
+    """Add the gradient of a weight, the transposed inputs times `gradient`, unless `sums` is empty.
+    transpose: whether the inputs are still to be transposed."""
     if sums.size:
         multiply(inputs, transpose, gradient, sums, sums, ANY)
 

@@ -1,11 +1,13 @@
 """The MLP inside the SH transfer: the definition in plain torch, and the same in blocks for the CPU.
 
-h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i), y = bound * tanh((h_n V' + x_features S' + b) / bound). A Gaussian's
-input x has two parts: its features, gamma(sh) and behind it the latents if there are any, which receive a gradient and may also skip to the output;
-and its encoded place, which does neither.
+h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i),
+y = bound * tanh((h_n V' + x_features S' + b) / bound). A Gaussian's
+input x has two parts: its features, gamma(sh) and behind it the latents if there are any, which receive a gradient and
+may also skip to the output; and its encoded place, which does neither.
 
-Blocks of ROWS rows are what threads share; `transfer_kernels` computes them. A row's result does not depend on what it is evaluated
-with, so bakes equal live renders bit for bit. Weight gradients are summed a block at a time and then in the order of
+Blocks of ROWS rows are what threads share; `transfer_kernels` computes them. A row's result does not depend on what it
+is evaluated with, so bakes equal live renders bit for bit. Weight gradients are summed a block at a time and then in
+the order of
 the blocks: the same for any number of threads.
 """
 
@@ -32,7 +34,8 @@ NOTHING = np.empty((0, 0), np.float32)
 
 
 class HiddenLayers(NamedTuple):
-    """Weights (outputs, inputs) and biases: the first layer's for either part of the input, and the further hidden ones'."""
+    """Weights (outputs, inputs) and biases: the first layer's for either part of the input,
+    and the further hidden ones'."""
 
     feature_weight: Float[Tensor, "width features"]
     place_weight: Float[Tensor, "width encoded"]
@@ -57,7 +60,8 @@ def plain_mlp(
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """The definition: any dtype, any device, differentiable by autograd but for the means. Outputs lie in [-bound, bound].
+    """The definition: any dtype, any device, differentiable by autograd but for the means.
+    Outputs lie in [-bound, bound].
 
     means: scene frame. octaves: of the encoding of the contracted means, see core.appearance.positional_encoding.
     """
@@ -80,17 +84,21 @@ def chunked_mlp(
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` within CHUNK_BYTES: rows that do not fit go in chunks, of which the backward pass computes each again."""
+    """`plain_mlp` within CHUNK_BYTES: rows that do not fit go in chunks,
+    of which the backward pass computes each again."""
     inputs = features.shape[1] + hidden_layers.place_weight.shape[1]
     layers = 1 + len(hidden_layers.hidden_weights)
-    # Kept for the backward pass: both inputs, each hidden layer before and after its ReLU, and three steps of the output.
+    # Kept for the backward pass: both inputs, each hidden layer before and after its ReLU, and three steps of the
+    # output.
     kept = inputs + 2 * len(hidden_layers.first_bias) * layers + 3 * len(output_layer.output_bias)
     rows = max(1, CHUNK_BYTES // (kept * features.element_size()))
     given = hidden_layers, output_layer, octaves, bound
     if len(features) <= rows:
         return plain_mlp(features, means, *given)
     parts = zip(features.split(rows), means.split(rows))
-    return torch.cat([checkpoint(plain_mlp, *part, *given, use_reentrant=False, preserve_rng_state=False) for part in parts])
+    return torch.cat(
+        [checkpoint(plain_mlp, *part, *given, use_reentrant=False, preserve_rng_state=False) for part in parts]
+    )
 
 
 def blockwise_mlp(
@@ -102,11 +110,12 @@ def blockwise_mlp(
     octaves: int,
     bound: float,
 ) -> Float[Tensor, "n out"]:
-    """`plain_mlp` for float32 on the CPU, on core.system.threads.threads() threads. The latents are the last columns of the features.
+    """`plain_mlp` for float32 on the CPU, on core.system.threads.threads() threads.
+    The latents are the last columns of the features.
 
-    output_layer: makes the output layer. It is called twice: first for its values alone, and then, once the hidden layers are in the graph, to be
-    part of the graph as well. Autograd goes back in the reverse order of creation. So what the output layer is made of has its gradient before the
-    backward pass through the hidden layers begins.
+    output_layer: makes the output layer. It is called twice: first for its values alone, and then, once the hidden
+    layers are in the graph, to be part of the graph as well. Autograd goes back in the reverse order of creation. So
+    what the output layer is made of has its gradient before the backward pass through the hidden layers begins.
     """
     inputs = _inputs_of(encoded_sh, latents, means, octaves, bound)
     keeps = torch.is_grad_enabled()
@@ -145,7 +154,8 @@ class _Inputs(NamedTuple):
 class _Evaluated(NamedTuple):
     """What the forward pass leaves to the backward pass.
 
-    output_layer: its values. kept: the hidden layers (layers, padded rows, padded width), without rows if no backward pass comes.
+    output_layer: its values. kept: the hidden layers (layers, padded rows, padded width),
+    without rows if no backward pass comes.
     output: (n, out).
     """
 
@@ -160,21 +170,29 @@ def _inputs_of(encoded_sh: Tensor, latents: Tensor | None, means: Tensor, octave
     return _Inputs(_array_of(encoded_sh), latent_array, _array_of(means), octaves, np.float32(bound))
 
 
-def _evaluated(inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool) -> _Evaluated:
+def _evaluated(
+    inputs: _Inputs, hidden_layers: HiddenLayers, output_layer: OutputLayer, base: np.ndarray, keeps: bool
+) -> _Evaluated:
     """All layers; onto `base` unless that is empty."""
     weights = [_with_padding(weight) for weight in (*_transposed(hidden_layers), *_transposed(output_layer))]
     rows = len(inputs.encoded_sh)
-    # Kept for the backward pass: 4 * layers * width bytes per Gaussian. Computing it again instead took 15 % more of a step.
+    # Kept for the backward pass: 4 * layers * width bytes per Gaussian. Computing it again instead took 15 % more of a
+    # step.
     shape = 1 + len(hidden_layers.hidden_weights), rounded_up(rows, STRIP) if keeps else 0, weights[0].shape[1]
-    # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake. Large blocks, so that two threads seldom meet
-    # in a page that is not there yet: both would fill it.
+    # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake. Large blocks, so that two
+    # threads seldom meet in a page that is not there yet: both would fill it.
     kept, output = _room(shape), _room((rows, len(output_layer.output_bias)))
-    in_parallel(lambda begin, end: evaluate(begin, end, *inputs, base, *weights, kept, output), rows, ROWS * (1 + rows // (BLOCKS * ROWS)))
+    in_parallel(
+        lambda begin, end: evaluate(begin, end, *inputs, base, *weights, kept, output),
+        rows,
+        ROWS * (1 + rows // (BLOCKS * ROWS)),
+    )
     return _Evaluated(inputs, output_layer, kept, output)
 
 
-# The output is a function of the hidden layers and of the output layer. In the graph it takes two steps, both with the value that
-# is evaluated already: each has the gradients of its own layers, and the second passes the output's on to the first as it came.
+# The output is a function of the hidden layers and of the output layer. In the graph it takes two steps, both with the
+# value that is evaluated already: each has the gradients of its own layers, and the second passes the output's on to
+# the first as it came.
 
 
 class _ThroughHidden(torch.autograd.Function):
@@ -191,8 +209,15 @@ class _ThroughHidden(torch.autograd.Function):
     def backward(ctx, output_gradient: Tensor):
         (inputs, output_layer, kept, output), hidden_layers = ctx.evaluated, HiddenLayers(*ctx.saved_tensors)
         feature_parts, wants = (inputs.encoded_sh, inputs.latents), ctx.needs_input_grad[1:3]
-        to_inputs = [np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(feature_parts, wants)]
-        back = hidden_layers.feature_weight, hidden_layers.hidden_weights, output_layer.output_weight, output_layer.skip_weight
+        to_inputs = [
+            np.empty(part.shape if wanted else (0, 0), np.float32) for part, wanted in zip(feature_parts, wants)
+        ]
+        back = (
+            hidden_layers.feature_weight,
+            hidden_layers.hidden_weights,
+            output_layer.output_weight,
+            output_layer.skip_weight,
+        )
         given = *inputs, output, _array_of(output_gradient), kept, *map(_with_padding, back), *to_inputs
         gradients = _summed(differentiate_hidden, given, len(output), hidden_layers, ctx.needs_input_grad[3:])
         return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
@@ -225,13 +250,16 @@ def _summed(
 ) -> list[Tensor | None]:
     """The gradients of the weights, None for those not wanted.
 
-    differentiate: a kernel; called as (begin, end, *given, *parts), it writes into `parts` what the rows begin..end add to each gradient.
+    differentiate: a kernel; called as (begin, end, *given, *parts),
+    it writes into `parts` what the rows begin..end add to each gradient.
     """
     transposed = _transposed(layers)
     shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(transposed, wants)]
     # Each block has sums of its own, which are then added in the order of the blocks.
     sums = [_room((-(-rows // ROWS), *shape)) for shape in shapes]
-    in_parallel(lambda begin, end: differentiate(begin, end, *given, *(part[begin // ROWS] for part in sums)), rows, ROWS)
+    in_parallel(
+        lambda begin, end: differentiate(begin, end, *given, *(part[begin // ROWS] for part in sums)), rows, ROWS
+    )
     totals = [torch.from_numpy(part.sum(axis=0)) for part in sums]
     cut = type(layers)(*(total[tuple(map(slice, weight.shape))] for total, weight in zip(totals, transposed)))
     return [gradient if wanted else None for gradient, wanted in zip(_transposed(cut), wants)]
@@ -239,7 +267,9 @@ def _summed(
 
 def _transposed(layers: HiddenLayers | OutputLayer) -> HiddenLayers | OutputLayer:
     """Weights as (inputs, outputs), or back again; biases as they are."""
-    return type(layers)(*(part if name.endswith(("bias", "biases")) else part.mT for name, part in layers._asdict().items()))
+    return type(layers)(
+        *(part if name.endswith(("bias", "biases")) else part.mT for name, part in layers._asdict().items())
+    )
 
 
 def _padded_shape(weight: Tensor) -> tuple[int, ...]:

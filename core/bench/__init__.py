@@ -8,4 +8,5 @@ small_scene
 figure, drawing, files                      a Figure as data, as a picture, and as files
 """
 
-FIGURES = ("rendering", "baking", "training", "refinement")  # what `wegs bench` can measure, in the order in which it does
+# What `wegs bench` can measure, in the order in which it does.
+FIGURES = ("rendering", "baking", "training", "refinement")

@@ -1,8 +1,8 @@
 """Baking: what is lost, and saved, when SH bands and little-seen Gaussians are left out of the file.
 
-Gaussians are left out in the order of their contribution, the largest alpha * transmittance that they reach in any pixel of any
-training view (RadSplat, section 4.2), the least first; the sky stays. Errors are those of the training views, in 8-bit steps, against
-the bake with everything.
+Gaussians are left out in the order of their contribution, the largest alpha * transmittance that they reach in any
+pixel of any training view (RadSplat, section 4.2), the least first; the sky stays. Errors are those of the training
+views, in 8-bit steps, against the bake with everything.
 """
 
 from collections.abc import Callable
@@ -38,21 +38,27 @@ PANELS = (Panel("megabytes", "rms_steps"), Panel("megabytes", "max_steps"), Pane
 SHARES = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
 NOTES = (
     "Errors of the training views in the neutral look, against the bake with everything.",
-    "Gaussians are left out in the order of their largest contribution to any pixel of any training view; the sky stays.",
+    (
+        "Gaussians are left out in the order of their largest contribution to any pixel of any "
+        "training view; the sky stays."
+    ),
     "`wegs bake` searches all training views for what it may leave out; its seconds include that.",
 )
 
 
 @torch.no_grad()
 def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float) -> Figure:
-    """`wegs bake` beside every SH degree and share of pruned Gaussians, for a run. views: how many training views, evenly spread, give the errors.
+    """`wegs bake` beside every SH degree and share of pruned Gaussians, for a run.
+    views: how many training views, evenly spread, give the errors.
 
     budget: see `stopwatch.timed`.
     """
     rasterizer = trained.rasterizer
     training = [trained.camera(photo) for photo in trained.collection.split("train")]
     solid = len(trained.splats) - trained.sky
-    largest = largest_contributions(trained.splats, training, rasterizer, lambda done, total: report.progress("Views", done, total))
+    largest = largest_contributions(
+        trained.splats, training, rasterizer, lambda done, total: report.progress("Views", done, total)
+    )
     largest[solid:] = torch.inf
     order = torch.sort(largest, stable=True).indices
     cameras = spread_over(training, views)
@@ -74,7 +80,9 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
 
         def add(curve: str, label: str, make: Callable[[], Splats], is_default: bool = False) -> None:
             baked, seconds = timed(lambda: written(make()), budget)
-            pictures, drawing = timed(lambda: [rasterizer.render(baked, camera, trained.background) for camera in cameras], budget)
+            pictures, drawing = timed(
+                lambda: [rasterizer.render(baked, camera, trained.background) for camera in cameras], budget
+            )
             apart = differences([picture.clamp(0, 1) for picture in pictures], truth)
             values = {
                 "megabytes": Spread.exactly(path.stat().st_size / 1e6),
@@ -86,7 +94,12 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
             points.append(Point(curve, label, values, is_default))
             report.progress("Baking", len(points), total, f"{curve}, {label}")
 
-        add("wegs bake", "pruned within its bound", lambda: pruner_of(trained, QUIET)(bake(trained, neutral)).splats, is_default=True)
+        add(
+            "wegs bake",
+            "pruned within its bound",
+            lambda: pruner_of(trained, QUIET)(bake(trained, neutral)).splats,
+            is_default=True,
+        )
         for degree in range(whole.degree, -1, -1):
             for share in shares:
                 rows = order[round(share * solid) :].sort().values

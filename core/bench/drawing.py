@@ -22,7 +22,14 @@ PANEL_INCHES = 5.4, 4.2
 MARGIN_INCHES = 1.0  # for title and footer
 LEGEND_INCHES = 2.2  # where no cell is free for it
 # Where a label may stand beside its point: the shift in pt, and the alignment.
-BESIDE = (((8, 5), "left"), ((8, -11), "left"), ((-8, 5), "right"), ((-8, -11), "right"), ((0, 9), "center"), ((0, -16), "center"))
+BESIDE = (
+    ((8, 5), "left"),
+    ((8, -11), "left"),
+    ((-8, 5), "right"),
+    ((-8, -11), "right"),
+    ((0, 9), "center"),
+    ((0, -16), "center"),
+)
 MARKER_PX = 4  # from the middle of a point to where a label may begin
 NARROW = 4.0  # the end of a logarithmic scale over its start, below which 1, 2 and 5 name hardly anything
 # Paul Tol's `bright` and `muted` qualitative colours (personal.sron.nl/~pault): told apart by colour-blind readers too.
@@ -48,7 +55,8 @@ STYLE: "dict[RcKeyType, Any]" = {
 
 def draw_png(figure: Figure) -> bytes:
     """The picture as the bytes of a PNG file."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home that cannot be written in, and does without
+    # It warns of a home that cannot be written in, and does without.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
@@ -58,7 +66,8 @@ def draw_png(figure: Figure) -> bytes:
     rows = math.ceil(count / columns)
     is_full = count == rows * columns
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from")  # a letter that the font lacks is drawn as a box, which says it as well
+        # A letter that the font lacks is drawn as a box, which says it as well.
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
         width, height = PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows + MARGIN_INCHES
         canvas = Canvas(figsize=(width + LEGEND_INCHES if is_full else width, height), dpi=DPI, layout="constrained")
         agg = FigureCanvasAgg(canvas)  # its own, so that no window system is asked for
@@ -95,14 +104,16 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
         points = [point for point in points if point in shown]
         colour, marker = COLOURS[row % len(COLOURS)], MARKERS[row % len(MARKERS)]
         axis.errorbar(
-            *places(points), xerr=_bars(points, x), yerr=_bars(points, y), label=curve, color=colour, marker=marker, ms=5,
-            lw=1.2, elinewidth=0.9, capsize=1.5, alpha=0.9, zorder=3,
+            *places(points), xerr=_bars(points, x), yerr=_bars(points, y), label=curve,
+            color=colour, marker=marker, ms=5, lw=1.2, elinewidth=0.9, capsize=1.5, alpha=0.9, zorder=3,
         )  # fmt: skip
     if front := figure.front(panel):
         axis.step(*places(front), where="post", color=FRONT, lw=5, alpha=0.35, zorder=1, label="Pareto front")
         axis.plot(*places(front), "o", ms=11, mfc="none", mec=FRONT, mew=1.6, zorder=4)
     if defaults := [point for point in shown if point.is_default]:
-        axis.plot(*places(defaults), "*", ms=15, mfc="white", mec=INK, mew=1.3, ls="none", zorder=5, label="as it comes")
+        axis.plot(
+            *places(defaults), "*", ms=15, mfc="white", mec=INK, mew=1.3, ls="none", zorder=5, label="as it comes"
+        )
     _scale(axis, "x", x)
     _scale(axis, "y", y)
     if y.limit is not None:
@@ -158,7 +169,8 @@ def _scale(axis: "Axes", which: str, quantity: Quantity) -> None:
 
 
 def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
-    """Write labels beside the defaults, the front, the ends of curves and then all other points, where there is room and no other point is nearer."""
+    """Write labels beside the defaults, the front, the ends of curves and then all other points,
+    where there is room and no other point is nearer."""
     from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Bbox
 
@@ -179,7 +191,15 @@ def _label_points(axis: "Axes", figure: Figure, panel: Panel) -> None:
         for shift, align in BESIDE:
             halo = withStroke(linewidth=2.5, foreground="white")
             label = axis.annotate(
-                point.label, at, shift, textcoords="offset points", ha=align, zorder=6, fontsize=7.5, color=INK, path_effects=[halo]
+                point.label,
+                at,
+                shift,
+                textcoords="offset points",
+                ha=align,
+                zorder=6,
+                fontsize=7.5,
+                color=INK,
+                path_effects=[halo],
             )
             box = label.get_window_extent()
             inside = frame.x0 <= box.x0 and box.x1 <= frame.x1 + 20 and frame.y0 <= box.y0 and box.y1 <= frame.y1

@@ -1,4 +1,5 @@
-"""A work-precision figure as data: what was measured, in which panels it is drawn, and which choices are not beaten by any other."""
+"""A work-precision figure as data: what was measured, in which panels it is drawn,
+and which choices are not beaten by any other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,7 +46,8 @@ def number(value: float) -> str:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A column. name: a word for files. label: with its unit, for people. scale: "linear", "log" or "steps" (0, then doubling).
+    """A column. name: a word for files. label: with its unit, for people.
+    scale: "linear", "log" or "steps" (0, then doubling).
 
     limit: a value and its name, drawn as a line, or None. floor: on a logarithmic axis, what lies below is drawn there.
     """

@@ -17,7 +17,8 @@ SUFFIXES = (".csv", ".json", ".png")
 
 
 def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
-    """Raise BadInput if `folder` cannot be written in, or if a figure of one of these names is in it and not to be replaced.
+    """Raise BadInput if `folder` cannot be written in,
+    or if a figure of one of these names is in it and not to be replaced.
 
     Asked before the minutes of measuring.
     """
@@ -65,7 +66,8 @@ def fronts_of(figure: Figure, point: Point) -> list[int]:
 
 
 def csv_of(figure: Figure) -> str:
-    """A row a point: curve, choice, default, median and quartiles of each quantity, fronts; then what it was made on."""
+    """A row a point: curve, choice, default, median and quartiles of each quantity, fronts;
+    then what it was made on."""
     spreads = [quantity.name + end for quantity in figure.quantities for end in ("", "_low", "_high")]
     fronts = [f"front_{panel.y}_over_{panel.x}" for panel in figure.panels]
     text = io.StringIO()

@@ -1,6 +1,7 @@
 """What a rasterizer can trade for time, measured with the functions of the definition (core.rasterizer.reference).
 
-The contract fixes the thresholds, so no backend takes them as arguments. Here the definition is blended tile by tile with other thresholds.
+The contract fixes the thresholds, so no backend takes them as arguments.
+Here the definition is blended tile by tile with other thresholds.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ from core.scene.splats import Splats
 
 @dataclass(frozen=True)
 class Levers:
-    """alpha_min, stop_transmittance: see the contract. tile_px: side of the tiles that get a list of splats of their own."""
+    """alpha_min, stop_transmittance: see the contract.
+    tile_px: side of the tiles that get a list of splats of their own."""
 
     dtype: torch.dtype = torch.float64
     alpha_min: float = contract.ALPHA_MIN

@@ -1,7 +1,8 @@
 """Refinement: how many dB each step of Adam gains on held-out photos, by both protocols.
 
-The refinement is that of core.appearance.refinement, the regions are those of core.evaluation.protocols: with `half`, the left half is fitted and
-the right half measured; with `full`, the whole photo is both, so that its figures have seen what they are scored on.
+The refinement is that of core.appearance.refinement, the regions are those of core.evaluation.protocols: with `half`,
+the left half is fitted and the right half measured; with `full`, the whole photo is both, so that its figures have seen
+what they are scored on.
 """
 
 import time
@@ -25,11 +26,19 @@ from core.report import Report
 from core.words import counted
 
 MEASURED = (0, 1, 2, 4, 8, 16, 32, 64, STEPS, STEPS + LATER_STEPS // 2, STEPS + LATER_STEPS)
-NOTES = ("Medians and quartiles over photos. half: the right half is scored, which was not seen; full: what was fitted is scored.",)
+NOTES = (
+    (
+        "Medians and quartiles over photos. half: the right half is scored, which was not seen; full: "
+        "what was fitted is scored."
+    ),
+)
 
 
-def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...], photos: int, report: Report) -> Figure:
-    """The course of the refinement on up to `photos` held-out photos of each run. trained: runs that have looks, by the names to draw them under.
+def refinement_figure(
+    trained: dict[str, TrainedRun], protocols: tuple[str, ...], photos: int, report: Report
+) -> Figure:
+    """The course of the refinement on up to `photos` held-out photos of each run.
+    trained: runs that have looks, by the names to draw them under.
 
     Raises BadInput where no held-out photo can be read.
     """
@@ -38,7 +47,14 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
         chosen = spread_over(run.collection.split("test"), photos)
         for protocol in protocols:
             course_of = partial(_course, run, protocol)
-            measured = over_views(run, chosen, course_of, f"Refinement of {name}, {protocol}", report, f"of {name} not measured by {protocol}")
+            measured = over_views(
+                run,
+                chosen,
+                course_of,
+                f"Refinement of {name}, {protocol}",
+                report,
+                f"of {name} not measured by {protocol}",
+            )
             try:
                 courses = [course for _, course in measured]
             except BadInput as found:
@@ -53,7 +69,8 @@ def refinement_figure(trained: dict[str, TrainedRun], protocols: tuple[str, ...]
     title = f"Refinement: {', '.join(f'{name} at step {run.step}' for name, run in trained.items())}"
     quantities = [Quantity("steps", "Adam steps", "steps"), Quantity("seconds", "s a photo", "log")]
     panels = []
-    for protocol in [each for each in protocols if each in reached]:  # figures of one protocol are never compared with those of the other: own axes
+    # Figures of one protocol are never compared with those of the other: own axes.
+    for protocol in [each for each in protocols if each in reached]:
         quantities.append(Quantity(f"gain_{protocol}", f"{protocol}: dB gained", more_is_better=True))
         quantities.append(Quantity(f"psnr_{protocol}", f"{protocol}: PSNR, dB", more_is_better=True))
         panels += [Panel("steps", f"gain_{protocol}", labelled=False), Panel("seconds", f"gain_{protocol}")]

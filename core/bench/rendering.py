@@ -1,4 +1,5 @@
-"""Rendering: the error of a picture over the time it takes, for every backend and everything that the definition can trade.
+"""Rendering: the error of a picture over the time it takes,
+for every backend and everything that the definition can trade.
 
 Error is measured twice. Against the definition in float64, with the contract's thresholds, because that is the picture
 which every 3DGS viewer shows; and against the sum without thresholds, because that is what the thresholds themselves
@@ -43,7 +44,8 @@ MOST_PAIRS = 50_000_000  # of a pixel and a Gaussian: what the backend `referenc
 
 @dataclass(frozen=True)
 class Way:
-    """One way to draw. backend: a key of BACKENDS, whose one lever is the SH degree, or None for the definition tile by tile."""
+    """One way to draw. backend: a key of BACKENDS, whose one lever is the SH degree,
+    or None for the definition tile by tile."""
 
     backend: str | None
     levers: Levers
@@ -73,8 +75,11 @@ class Choice:
 
 
 @torch.no_grad()
-def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int, report: Report, budget: float, name: str = "rendering") -> Figure:
-    """All CPU backends and levers, on splats (float32) and cameras. what: these, in words. budget: see `stopwatch.timed`. name: the figure's."""
+def rendering_figure(
+    what: str, splats: Splats, cameras: list[Camera], seed: int, report: Report, budget: float, name: str = "rendering"
+) -> Figure:
+    """All CPU backends and levers, on splats (float32) and cameras. what: these, in words.
+    budget: see `stopwatch.timed`. name: the figure's."""
     exact = [draw(splats, camera, Levers(sh_degree=splats.degree)) for camera in cameras]
     unthresholded = [draw(splats, camera, UNTHRESHOLDED) for camera in cameras]
     chosen = list(choices(splats, cameras))
@@ -88,18 +93,24 @@ def rendering_figure(what: str, splats: Splats, cameras: list[Camera], seed: int
             measured[choice.way] = values
         points.append(Point(choice.curve, choice.label, measured[choice.way], choice.is_default))
         report.progress("Rendering", number + 1, len(chosen), f"{choice.curve}: {choice.label}")
-    title = f"Rendering {what}: {counted(len(splats), 'Gaussian')} of degree {splats.degree}, {cameras[0].width} x {cameras[0].height} px"
+    title = (
+        f"Rendering {what}: {counted(len(splats), 'Gaussian')} of degree {splats.degree}, "
+        f"{cameras[0].width} x {cameras[0].height} px"
+    )
     return Figure(name, title, QUANTITIES, PANELS, tuple(points), made_on(seed), NOTES)
 
 
 def choices(splats: Splats, cameras: list[Camera]) -> Iterator[Choice]:
-    """The definition with precision, tiles, thresholds and SH degree varied one at a time; each other CPU backend with the SH degree varied."""
+    """The definition with precision, tiles, thresholds and SH degree varied one at a time;
+    each other CPU backend with the SH degree varied."""
     plain = Levers(sh_degree=splats.degree)
     degrees = {f"degree {degree}": replace(plain, sh_degree=degree) for degree in range(splats.degree + 1)}
     curves = {
         "precision": {"float64": plain, "float32": replace(plain, dtype=torch.float32)},
         "tile": {f"{side} px": replace(plain, tile_px=side) for side in TILES_PX},
-        "alpha threshold": {f"alpha {label}": replace(plain, alpha_min=share * ALPHA_MIN) for label, share in ALPHAS.items()},
+        "alpha threshold": {
+            f"alpha {label}": replace(plain, alpha_min=share * ALPHA_MIN) for label, share in ALPHAS.items()
+        },
         "early stop": {f"stop {stop:g}": replace(plain, stop_transmittance=stop) for stop in STOPS},
         "SH degree": degrees,
     }

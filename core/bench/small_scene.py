@@ -50,7 +50,8 @@ class Surface:
 
 
 def collection(folder: Path) -> Collection:
-    """The photos, written into `folder`, their cameras, and rough SfM points. Every HELD_OUT_EVERY-th is a test photo."""
+    """The photos, written into `folder`, their cameras, and rough SfM points.
+    Every HELD_OUT_EVERY-th is a test photo."""
     random = np.random.default_rng(0)
     surface = square(random)
     rasterizer = core.rasterizer.create("auto")
@@ -108,7 +109,9 @@ def square(random: np.random.Generator) -> Surface:
 def tiles(u: np.ndarray, v: np.ndarray, side: float) -> np.ndarray:
     """A chequered colour (N, 3) whose hue drifts across the surface."""
     dark = (np.floor(u / side) + np.floor(v / side)) % 2
-    hue = np.stack([0.55 + 0.2 * np.sin(3 * u), 0.5 + 0.15 * np.sin(2 * v + 1), 0.42 + 0.15 * np.cos(2 * u + v)], axis=1)
+    hue = np.stack(
+        [0.55 + 0.2 * np.sin(3 * u), 0.5 + 0.15 * np.sin(2 * v + 1), 0.42 + 0.15 * np.cos(2 * u + v)], axis=1
+    )
     return hue * (1 - 0.55 * dark)[:, None]
 
 
@@ -127,7 +130,9 @@ def in_light(surface: Surface, light: Light, degree: int) -> Splats:
     quaternions[z < -0.999] = [0.0, 1.0, 0.0, 0.0]
     log_scales = torch.log(SPACING * torch.tensor(AXES)).expand(count, 3).contiguous()
     opacities = torch.full((count,), 3.0)
-    return Splats(torch.from_numpy(surface.means).float(), torch.from_numpy(quaternions).float(), log_scales, opacities, sh)
+    return Splats(
+        torch.from_numpy(surface.means).float(), torch.from_numpy(quaternions).float(), log_scales, opacities, sh
+    )
 
 
 def draw_light(random: np.random.Generator) -> Light:

@@ -11,7 +11,7 @@ from core.bench.figure import Figure
 from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
 from core.bench.training import Course, checks, training_figure
-from core.config import LEAST, PRESETS, Settings, preset
+from core.config import LEAST, Settings
 from core.data.collection import Collection, spread_over
 from core.data.made import CURVES, scene_beside
 from core.data.prepare import prepared
@@ -19,6 +19,7 @@ from core.errors import BadInput
 from core.evaluation import PROTOCOLS
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.pipeline.opened import open_run
+from core.presets import PRESETS, preset
 from core.report import Report
 from core.setting import UNDECIDED
 from core.system.atomic import room_in, scratch
@@ -34,7 +35,8 @@ CHECKS = 12  # times a run that is trained for a figure is measured on the way
 class Size:
     """How much is measured. budget: see `stopwatch.timed`.
 
-    Of training: share of each preset's steps, most Gaussians, resolution of photos (a width in px, or UNDECIDED), seeds.
+    Of training: share of each preset's steps, most Gaussians, resolution of photos
+    (a width in px, or UNDECIDED), seeds.
     views: that baking is judged by. photos: that are refined. cameras: of a run that are rendered.
     """
 
@@ -49,7 +51,16 @@ class Size:
 
 
 SMALL = Size(share=0.2, gaussians=4000, budget=0.5, resolution=160, seeds=1, views=8, photos=4, cameras=1)
-FULL = Size(share=1.0, gaussians=LEAST["max_gaussians"], budget=3.0, resolution=UNDECIDED, seeds=3, views=32, photos=100, cameras=3)
+FULL = Size(
+    share=1.0,
+    gaussians=LEAST["max_gaussians"],
+    budget=3.0,
+    resolution=UNDECIDED,
+    seeds=3,
+    views=32,
+    photos=100,
+    cameras=3,
+)
 
 
 def bench(
@@ -61,15 +72,22 @@ def bench(
     report: Report,
     force: bool = False,
 ) -> list[Figure]:
-    """Measure and draw the figures `names` (of FIGURES, in that order); each is written into `output` as soon as it is measured.
+    """Measure and draw the figures `names` (of FIGURES, in that order);
+    each is written into `output` as soon as it is measured.
 
-    They are of the run in `run_folder` or, without one, of all presets, which are trained now on `scene` or on the built-in scene.
+    They are of the run in `run_folder` or, without one, of all presets,
+    which are trained now on `scene` or on the built-in scene.
     force: replace figures that are there, or remove them where nothing can be drawn in their place.
     """
     if scene is not None and run_folder is not None:
-        raise BadInput("A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is.")
+        raise BadInput(
+            "A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is."
+        )
     if scene is not None and set(names) == {"rendering"}:
-        raise BadInput("Without --run, rendering is measured on the built-in scene alone.", "Leave SCENE out, or give a run with --run.")
+        raise BadInput(
+            "Without --run, rendering is measured on the built-in scene alone.",
+            "Leave SCENE out, or give a run with --run.",
+        )
     replaced = (*names, OF_RUN) if "rendering" in names else names
     files.check_free(output, replaced, force)
     size = FULL if full else SMALL
@@ -111,8 +129,10 @@ def bench(
 def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:
     """Draw the training of runs, and the refinement on their held-out photos, into the folder of the first.
 
-    Figures that an earlier call left there are replaced or, if they are not drawn now, removed: they may be of other runs.
-    runs: their folders, the newest run if empty; one given twice is drawn once. refine: if False, only the training is drawn.
+    Figures that an earlier call left there are replaced or, if they are not drawn now, removed:
+    they may be of other runs.
+    runs: their folders, the newest run if empty; one given twice is drawn once.
+    refine: if False, only the training is drawn.
     """
     found = [run_folders.find_run(path) for path in runs or (None,)]
     folders = list({folder.resolve(): folder for folder in found}.values())
@@ -149,8 +169,11 @@ def _remove_older(folder: Path, names: tuple[str, ...], figures: list[Figure], r
         report.say(f"{folder}: removed {', '.join(path.name for path in old)}, of an earlier call")
 
 
-def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: Collection | None, report: Report) -> tuple[str, ...]:
-    """Those of the figures `names` that the run or the photos allow to measure; the others are reported, with the reason.
+def _measurable(
+    names: tuple[str, ...], trained: TrainedRun | None, collection: Collection | None, report: Report
+) -> tuple[str, ...]:
+    """Those of the figures `names` that the run or the photos allow to measure;
+    the others are reported, with the reason.
 
     collection: None for that of the run, or the built-in one.
     """
@@ -158,7 +181,10 @@ def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: 
     lacking: tuple[str, ...] = ()
     if collection is not None and not collection.split("test"):
         lacking = ("training", "refinement")
-        problem = BadInput(f"No photo of {collection.name} is held out.", "Take a run without --all-photos of a scene whose split has test photos.")
+        problem = BadInput(
+            f"No photo of {collection.name} is held out.",
+            "Take a run without --all-photos of a scene whose split has test photos.",
+        )
     elif trained is not None:
         try:
             checks(trained.folder)
@@ -174,7 +200,8 @@ def _measurable(names: tuple[str, ...], trained: TrainedRun | None, collection: 
 
 
 def _courses_of(folders: list[Path]) -> list[Course]:
-    """The courses of runs that were trained before; as their settings may be any, none of their points is called a default.
+    """The courses of runs that were trained before;
+    as their settings may be any, none of their points is called a default.
 
     They are named by the ends of their paths, as long as it takes to tell them apart.
     """
@@ -201,7 +228,9 @@ def _rendering_of(trained: TrainedRun, size: Size, report: Report) -> Figure:
     photos = spread_over(trained.collection.split("test") or trained.collection.photos, size.cameras)
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
-    return rendering_figure(trained.folder.resolve().name, splats, cameras, trained.settings.seed, report, size.budget, OF_RUN)
+    return rendering_figure(
+        trained.folder.resolve().name, splats, cameras, trained.settings.seed, report, size.budget, OF_RUN
+    )
 
 
 # --- what is trained

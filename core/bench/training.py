@@ -33,7 +33,8 @@ NOTES = (
 
 @dataclass(frozen=True)
 class Course:
-    """Runs that differ in nothing but the seed. name: of the curve. folders: theirs. is_default: settings as they come."""
+    """Runs that differ in nothing but the seed. name: of the curve. folders: theirs.
+    is_default: settings as they come."""
 
     name: str
     folders: tuple[Path, ...]
@@ -41,7 +42,8 @@ class Course:
 
 
 def training_figure(courses: list[Course], title: str, notes: tuple[str, ...] = ()) -> Figure:
-    """All courses in one picture, with medians and quartiles over the runs of a course. Raises BadInput if held-out quality was never measured."""
+    """All courses in one picture, with medians and quartiles over the runs of a course.
+    Raises BadInput if held-out quality was never measured."""
     points = [point for course in courses for point in _points(course)]
     seeds = sorted({read_config(folder)[1].seed for course in courses for folder in course.folders})
     return Figure("training", title, QUANTITIES, PANELS, tuple(points), made_on(*seeds), NOTES + notes)

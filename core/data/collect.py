@@ -22,18 +22,22 @@ UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos n
 def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     """The collection of the posed photos below `root`. all_photos: hold none of them out.
 
-    Photos that are missing, unreadable or of another shape than their camera are left out and noted. The frame is that of the points or, without
-    points, of the cameras. Raises BadInput if no photo is left, or none to train on.
+    Photos that are missing, unreadable or of another shape than their camera are left out and noted. The frame is that
+    of the points or, without points, of the cameras. Raises BadInput if no photo is left, or none to train on.
     """
     placing = Placing(posed.missing_words)
     named = {photo.name: photo for photo in sorted(posed.photos, key=lambda photo: photo.name)}
     placed = {name: found for name, photo in named.items() if (found := placing.place(photo))}
     if not placed:
-        anew = f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
+        anew = (
+            f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
+        )
         raise _unusable(f"No photo of {posed.source} can be used", posed, placing, anew)
     splits, split_notes, source = _split(root, posed, list(placed))
     if not splits or not (all_photos or "train" in splits.values()):
-        fix = f"Correct or remove {source.name}" + (", or train on what is held out with --all-photos." if splits else ".")
+        fix = f"Correct or remove {source.name}" + (
+            ", or train on what is held out with --all-photos." if splits else "."
+        )
         raise _unusable(f"{source} leaves no photo to train on", posed, placing, fix, split_notes)
     points, points_notes = _points(posed)
     centres = np.array([found.camera.centre for found in placed.values()])
@@ -47,19 +51,26 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
     )
     notes = posed.notes + placing.notes() + split_notes + points_notes
     notes += [Note(line, harmless=True) for line in frame.offset_lines()] + _copies_held_out(photos)
-    notes += name_them("without any SfM point", [photo.name for photo in photos if photo.name in seen and not len(photo.points)])
+    notes += name_them(
+        "without any SfM point", [photo.name for photo in photos if photo.name in seen and not len(photo.points)]
+    )
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
-    notes += name_them(f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True)
+    notes += name_them(
+        f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True
+    )
     positions = frame.to_scene(points.positions)
     notes += _contradicted(photos, positions)
-    collection = Collection(root.resolve().name, root, posed.kind, photos, positions, points.colours, frame, tuple(notes))
+    collection = Collection(
+        root.resolve().name, root, posed.kind, photos, positions, points.colours, frame, tuple(notes)
+    )
     collection = collection.undivided() if all_photos else collection
     masks = {name: photo.mask for name, photo in named.items() if photo.mask is not None}
     return with_masks_by_name(collection, masks, posed.source) if masks else collection
 
 
 def _unusable(what: str, posed: Posed, placing: Placing, fix: str, notes: Sequence[Note] = ()) -> BadInput:
-    """The error for a scene without usable photos, with what was left out and why. fix: what to do if no photos are missing."""
+    """The error for a scene without usable photos, with what was left out and why.
+    fix: what to do if no photos are missing."""
     reasons = "; ".join(note.text.rstrip(".") for note in [*posed.notes, *placing.notes(), *notes] if not note.harmless)
     return BadInput(f"{what}{': ' if reasons else ''}{reasons}.", posed.fix if placing.missing else fix)
 
@@ -74,22 +85,32 @@ def _points(posed: Posed) -> tuple[Points, list[Note]]:
 def _contradicted(photos: Sequence[Photo], points: np.ndarray) -> list[Note]:
     """A note if most cameras do not see the points (P, 3) that their photos are said to see."""
     away = sum(looks_away(photo, points) for photo in photos if len(photo.points))
-    what = f"{away} of {counted(len(photos), 'camera')} see less than {SHOWN:.0%} of the points said to be theirs: expect a poor scene"
+    what = (
+        f"{away} of {counted(len(photos), 'camera')} see less than {SHOWN:.0%} of the points said to be "
+        "theirs: expect a poor scene"
+    )
     return [Note(f"{what}. {CHECK_POSES}")] if 2 * away > len(photos) else []
 
 
 def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
     by_path = {photo.path: photo for split in ("train", "test") for photo in photos if photo.split == split}
     pairs = [(by_path[copy], by_path[original]) for copy, original in copies_among(by_path).items()]
-    names = [f"{copy.name} ({original.name})" for copy, original in pairs if (copy.split, original.split) == ("test", "train")]
+    names = [
+        f"{copy.name} ({original.name})"
+        for copy, original in pairs
+        if (copy.split, original.split) == ("test", "train")
+    ]
     return name_them("held out though a copy of a training photo, so figures are too good", names, of_split=True)
 
 
 def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[Note], Path]:
-    """The split of each placed photo, notes, and the file that says so: what the posed photos say or, if they say nothing, as `split_photos`."""
+    """The split of each placed photo, notes, and the file that says so:
+    what the posed photos say or, if they say nothing, as `split_photos`."""
     said = {photo.name: photo.split for photo in posed.photos if photo.split}
     if not said:
         return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})
     splits = {name: said[name] for name in names if name in said}
-    why = "No photo that is held out can be used" if "test" in said.values() else f"{posed.source.name} holds out no photo"
+    why = f"{posed.source.name} holds out no photo"
+    if "test" in said.values():
+        why = "No photo that is held out can be used"
     return splits, none_held_out(splits, why), posed.source

@@ -19,7 +19,9 @@ Item = TypeVar("Item")
 ROUNDING = 1e-6  # relative, of numbers that are written and read again; of positions, in the scene frame
 SHOWN = 0.5  # share of a photo's own points that its camera should see
 SAMPLE = 10_000  # points to look at where no file says which photo sees which: a million take 0.7 s a photo
-CHECK_POSES = "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
+CHECK_POSES = (
+    "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
+)
 FAR = 100.0  # times the median camera's distance from the scene's centre
 
 
@@ -27,7 +29,8 @@ FAR = 100.0  # times the median camera's distance from the scene's centre
 class GivenMask:
     """A mask that came with a photo: a picture, white where training uses the photo (core.data.given_masks).
 
-    lens: that of the photo's original, if the photo is an undistorted copy and the mask was drawn on the original, else None.
+    lens: that of the photo's original, if the photo is an undistorted copy and
+    the mask was drawn on the original, else None.
     bytes: as `Photo.bytes`.
     """
 
@@ -69,8 +72,9 @@ class Photo:
 class Collection:
     """Posed photos and SfM points, in the scene frame; `frame` leads back to world units.
 
-    root: the scene's own folder. points_from: the folder of the points triangulated for it (`sfm.kept_points`); None if it has its own.
-    points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: lines for the user on what was dropped or decided, and why.
+    root: the scene's own folder. points_from: the folder of the points triangulated for it (`sfm.kept_points`); None if
+    it has its own. points: (P, 3) float64. point_colours: (P, 3) float32 in [0, 1]. notes: lines for the user on what
+    was dropped or decided, and why.
     """
 
     name: str
@@ -89,7 +93,8 @@ class Collection:
         return self.points_from or self.root
 
     def split(self, name: str) -> tuple[Photo, ...]:
-        """The photos of one split, by name. Held-out ones come without their masks, because quality is measured on the whole photo."""
+        """The photos of one split, by name. Held-out ones come without their masks,
+        because quality is measured on the whole photo."""
         photos = tuple(photo for photo in self.photos if photo.split == name)
         return photos if name == "train" else tuple(replace(photo, mask=None) for photo in photos)
 
@@ -101,13 +106,15 @@ class Collection:
         return replace(self, photos=photos, notes=(*notes, undivided))
 
     def changed_since(self, before: "Collection") -> list[str]:
-        """The names of photos that were added or removed, or changed split or camera, since `before`: a run cannot be resumed with them."""
+        """The names of photos that were added or removed, or changed split or camera, since `before`:
+        a run cannot be resumed with them."""
         now, then = ({photo.name: photo for photo in one.photos} for one in (self, before))
         both = {name for name in now.keys() & then.keys() if now[name].same_split_and_camera(then[name])}
         return sorted((now.keys() | then.keys()) - both)
 
     def in_world_of(self, before: "Collection") -> bool:
-        """Whether the photos of both have the same cameras in world units. Cameras that were found anew are in another world frame."""
+        """Whether the photos of both have the same cameras in world units.
+        Cameras that were found anew are in another world frame."""
         now = {photo.name: photo.camera.in_world(self.frame).in_scene(before.frame).numbers() for photo in self.photos}
         then = {photo.name: photo.camera.numbers() for photo in before.photos if photo.name in now}
         return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING) for name in then)
@@ -118,7 +125,8 @@ class Collection:
         return photos[0] if len(photos) == 1 else None
 
     def all_called(self, name: str) -> list[Photo]:
-        """The photo called `name`; if there is none, those called that without their suffix, or else without their folders as well.
+        """The photo called `name`; if there is none, those called that without their suffix,
+        or else without their folders as well.
 
         A name with two suffixes may be given without both: structure from motion turns a.png into a.png.jpg.
         """
@@ -136,7 +144,8 @@ class Collection:
             raise BadInput(f"{name} may be {counted(len(photos), 'photo')}: {names}.", "Give the whole name of one.")
 
     def photo(self, name: str | None) -> Photo:
-        """As `called`; for None the first held-out photo, or the first of all. Raises BadInput if there is no such photo."""
+        """As `called`; for None the first held-out photo, or the first of all.
+        Raises BadInput if there is no such photo."""
         if name is None:
             return (self.split("test") or self.photos)[0]
         if (photo := self.called(name)) is not None:
@@ -146,12 +155,16 @@ class Collection:
 
 
 def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
-    """`count` of the items (photos, cameras), evenly spread from the first to the last; all of them if there are fewer."""
-    return items if len(items) <= count else [items[row] for row in np.linspace(0, len(items) - 1, count).astype(int).tolist()]
+    """`count` of the items (photos, cameras), evenly spread from the first to the last;
+    all of them if there are fewer."""
+    if len(items) <= count:
+        return items
+    return [items[row] for row in np.linspace(0, len(items) - 1, count).astype(int).tolist()]
 
 
 def looks_away(photo: Photo, points: np.ndarray) -> bool:
-    """Whether the camera sees less than SHOWN of the photo's own points, of all (P, 3); if it has none, whether it sees no point at all."""
+    """Whether the camera sees less than SHOWN of the photo's own points, of all (P, 3);
+    if it has none, whether it sees no point at all."""
     if len(photo.points):
         return float(photo.camera.shows(points[photo.points])[0].mean()) < SHOWN
     return not photo.camera.shows(points[:: max(1, len(points) // SAMPLE)])[0].any()

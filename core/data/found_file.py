@@ -15,7 +15,8 @@ SHRUNKEN = ("images_2", "images_4", "images_8")  # copies that the original proj
 
 
 def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> tuple[list[PosedPhoto], list[Note]]:
-    """The photos, with each missing file replaced by one of nearly the same name, if there is one; and a note that names these.
+    """The photos, with each missing file replaced by one of nearly the same name, if there is one;
+    and a note that names these.
 
     folders: searched after the photo's own folder, first in the subfolder that the photo's name has.
     """
@@ -24,15 +25,21 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
         return list(photos), []
     there = {photo.path for photo in photos} - {photo.path for photo in missing}
     folders = tuple(folders)
-    places = {photo.path: [folder / below for folder in folders for below in (relative_path(photo.name).parent, ".")] for photo in missing}
+    places = {
+        photo.path: [folder / below for folder in folders for below in (relative_path(photo.name).parent, ".")]
+        for photo in missing
+    }
     found = nearly_named(places, there)
-    names = [f"{photo.name} ({_named_beside(found[photo.path], photo.path)})" for photo in missing if photo.path in found]
+    names = [
+        f"{photo.name} ({_named_beside(found[photo.path], photo.path)})" for photo in missing if photo.path in found
+    ]
     notes = name_them("found under another name or in another folder", names, harmless=True)
     return [replace(photo, path=found.get(photo.path, photo.path)) for photo in photos], notes
 
 
 def _named_beside(path: Path, missing: Path) -> str:
-    """The name of the file; if it lies in another folder, with as many of its folders as it takes to tell the two apart."""
+    """The name of the file; if it lies in another folder,
+    with as many of its folders as it takes to tell the two apart."""
     if path.parent == missing.parent:
         return path.name
     shown = path.name
@@ -46,8 +53,8 @@ def _named_beside(path: Path, missing: Path) -> str:
 def nearly_named(places: Mapping[Path, Iterable[Path]], others: Iterable[Path] = ()) -> dict[Path, Path]:
     """For each of these missing files, the photo that it must be; files with no such photo, or several, are left out.
 
-    The photo's name may differ in case, Unicode form and suffix. The file's own folder is searched first, then its `places`. A photo that would
-    stand for several missing files, or that is one of the `others`, is not taken.
+    The photo's name may differ in case, Unicode form and suffix. The file's own folder is searched first, then its
+    `places`. A photo that would stand for several missing files, or that is one of the `others`, is not taken.
     """
     known, found = {}, {}
     for path, folders in places.items():

@@ -1,4 +1,5 @@
-"""Masks that come with photos, from the user (`wegs train --masks DIR`) or from the scene: which photo each belongs to, and whether it fits."""
+"""Masks that come with photos, from the user (`wegs train --masks DIR`) or from the scene:
+which photo each belongs to, and whether it fits."""
 
 import os
 from collections.abc import Sequence
@@ -21,19 +22,24 @@ SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its pict
 
 
 def check_masks(folder: Path, photos: Sequence[str]) -> None:
-    """Raise BadInput unless the folder is there and holds masks of the photos: asked before cameras are found, which may take minutes.
+    """Raise BadInput unless the folder is there and holds masks of the photos:
+    asked before cameras are found, which may take minutes.
 
     photos: the names of plain photos; none if they are not known yet.
     """
     fix = "Give --masks a folder with one mask a photo."
     if not folder.is_dir():
-        raise BadInput(f"{folder} is a file, not a folder." if folder.exists() else f"There is no folder {folder}.", fix)
+        raise BadInput(
+            f"{folder} is a file, not a folder." if folder.exists() else f"There is no folder {folder}.", fix
+        )
     os.listdir(folder)  # raises if it may not be read; rglob would find nothing
     if not any(path.suffix.lower() in SUFFIXES for path in folder.rglob("*")):
         raise BadInput(f"{folder} holds no pictures.", fix)
     if photos:
         listed = _by_stem(folder)
-        fitting = [listed[stem][0] for name in photos for stem in names_without_suffixes(composed(name)) if stem in listed]
+        fitting = [
+            listed[stem][0] for name in photos for stem in names_without_suffixes(composed(name)) if stem in listed
+        ]
         if not fitting:
             raise _none_fits(folder, photos[0])
         _check_usable(fitting[:TRIED])
@@ -52,18 +58,24 @@ def _check_usable(masks: Sequence[Path]) -> None:
 
 
 def _none_fits(folder: Path, photo: str) -> BadInput:
-    return BadInput(f"{folder} holds no mask of a training photo.", f"Name masks as photos, such as {relative_path(photo).with_suffix('.png')}.")
+    return BadInput(
+        f"{folder} holds no mask of a training photo.",
+        f"Name masks as photos, such as {relative_path(photo).with_suffix('.png')}.",
+    )
 
 
 def with_masks_in(collection: Collection, folder: Path) -> Collection:
     """The collection whose photos have the masks in `folder`; white = use, of any format and size.
 
-    A mask is named after its photo: `0001.png` or, as for COLMAP, `0001.jpg.png` belongs to `0001.jpg`. For photos in subfolders
-    (`left/0001.jpg`) a mask in the same subfolder beats one in `folder` itself. A photo without a mask here is used whole, even if the
-    scene gives it one. Notes: as `with_masks_by_name`, and which masks belong to no photo. Raises BadInput for a folder without a
-    usable mask, for two masks of one photo, and for one of two training photos.
+    A mask is named after its photo: `0001.png` or, as for COLMAP, `0001.jpg.png` belongs to `0001.jpg`. For photos in
+    subfolders (`left/0001.jpg`) a mask in the same subfolder beats one in `folder` itself. A photo without a mask here
+    is used whole, even if the scene gives it one. Notes: as `with_masks_by_name`, and which masks belong to no photo.
+    Raises BadInput for a folder without a usable mask, for two masks of one photo, and for one of two training photos.
     """
-    listed = {path: _by_stem(folder / path) for path in {Path(), *(relative_path(photo.name).parent for photo in collection.photos)}}
+    listed = {
+        path: _by_stem(folder / path)
+        for path in {Path(), *(relative_path(photo.name).parent for photo in collection.photos)}
+    }
     masks = {}
     for photo in collection.photos:
         folders = listed[relative_path(photo.name).parent], listed[Path()]
@@ -73,7 +85,9 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
             raise BadInput(f"{mask} and {others[0].name} are masks of one photo.", "Remove one of them.")
         if mask is not None:
             masks[photo.name] = mask
-    unused = sorted({path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values()))
+    unused = sorted(
+        {path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values())
+    )
     training = collection.split("train")
     _check_not_shared({photo.name: masks[photo.name] for photo in training if photo.name in masks})
     if not any(photo.name in masks for photo in training):
@@ -87,12 +101,15 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     if any(photo.mask for photo in collection.photos):
         notes.append(Note("The masks that the scene itself gives are not used."))
     if unused:
-        notes.append(Note(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}."))
+        notes.append(
+            Note(f"{counted(len(unused), 'mask')} of no photo in use, such as {unused[0].relative_to(folder)}.")
+        )
     return replace(found, notes=(*found.notes, *notes))
 
 
 def _check_not_shared(masks: dict[str, Path]) -> None:
-    """Raise BadInput if one mask fits several photos, whose names differ only in folder or suffix. masks: by photo name."""
+    """Raise BadInput if one mask fits several photos,
+    whose names differ only in folder or suffix. masks: by photo name."""
     photo_of: dict[Path, str] = {}
     for photo, mask in masks.items():
         if (other := photo_of.setdefault(mask, photo)) != photo:
@@ -101,20 +118,22 @@ def _check_not_shared(masks: dict[str, Path]) -> None:
 
 
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:
-    """The photo with its mask, which has this `size`. taken_through: the original's lens, if the photo's file is an undistorted copy; the mask
-    is then taken to be drawn on the original, unless it has the size of the copy."""
+    """The photo with its mask, which has this `size`. taken_through: the original's lens, if the photo's file is an
+    undistorted copy; the mask is then taken to be drawn on the original, unless it has the size of the copy."""
     of_copy = replace(photo, mask=GivenMask(mask))
     return of_copy if size == size_for_mask(of_copy) else replace(photo, mask=GivenMask(mask, taken_through))
 
 
 def size_for_mask(photo: Photo) -> tuple[int, int]:
-    """The size of the picture that a mask of the photo is drawn on: the photo, or the original that it is an undistorted copy of."""
+    """The size of the picture that a mask of the photo is drawn on:
+    the photo, or the original that it is an undistorted copy of."""
     lens = None if photo.mask is None else photo.mask.lens
     return (photo.camera.width, photo.camera.height) if lens is None else (lens.width, lens.height)
 
 
 def fits(size: tuple[int, int], wanted: tuple[int, int]) -> bool:
-    """Whether a mask of this `size` has the aspect of its picture, of the size `wanted`, within what drawing by hand may change."""
+    """Whether a mask of this `size` has the aspect of its picture, of the size `wanted`,
+    within what drawing by hand may change."""
     (width, height), (wanted_width, wanted_height) = size, wanted
     return abs(log(width * wanted_height / (height * wanted_width))) <= SHAPE_TOLERANCE + 1 / min(size)
 
@@ -129,8 +148,8 @@ def check_fits(mask: Path, size: tuple[int, int], wanted: tuple[int, int]) -> No
 def with_masks_by_name(collection: Collection, masks: dict[str, Path], source: Path) -> Collection:
     """The collection whose photos have these `masks`, by photo name, in place of any others. source: what named them.
 
-    Notes say how many training photos have one; which have none; whose mask has another size and is resized (nearest pixel); and whose
-    mask is not used, because it is missing, damaged or of another shape.
+    Notes say how many training photos have one; which have none; whose mask has another size and is resized (nearest
+    pixel); and whose mask is not used, because it is missing, damaged or of another shape.
     """
     lenses, photos, said = lenses_of(collection.root), [], Reasons()
     for photo in collection.photos:
@@ -158,8 +177,8 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
     found = with_mask(photo, mask, size, taken_through)
     wanted = size_for_mask(found)
     if not fits(size, wanted):
-        how = "on its side, used whole (turn it as EXIF turns the photo)" if fits(size[::-1], wanted) else "of another shape, used whole"
-        said.add(f"with a mask {how}", photo.name)
+        turned = "on its side, used whole (turn it as EXIF turns the photo)"
+        said.add(f"with a mask {turned if fits(size[::-1], wanted) else 'of another shape, used whole'}", photo.name)
         return whole
     if size != wanted:
         said.add("with a mask of another size, which is resized", photo.name)
@@ -167,7 +186,8 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
 
 
 def with_same_masks(collection: Collection, before: Collection) -> Collection:
-    """The collection with the masks that it had when it was read `before`, so that a run can go on. BadInput if one of a training photo is gone."""
+    """The collection with the masks that it had when it was read `before`, so that a run can go on.
+    BadInput if one of a training photo is gone."""
     then = {photo.name: photo.mask for photo in before.photos}
     if gone := [photo.mask.path for photo in before.split("train") if photo.mask and not photo.mask.path.is_file()]:
         raise BadInput(f"{counted(len(gone), 'mask')} of the run cannot be found, such as {gone[0]}.", "Put them back.")

@@ -11,7 +11,15 @@ from core.data.formats.model_file import holds_model, photos_in_model
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
 from core.data.made import names_wegs
-from core.data.photos.folder import SUFFIXES, VIDEO_SUFFIXES, folders_below, list_photos, no_photos, photos_below, take_pictures_out
+from core.data.photos.folder import (
+    SUFFIXES,
+    VIDEO_SUFFIXES,
+    folders_below,
+    list_photos,
+    no_photos,
+    photos_below,
+    take_pictures_out,
+)
 from core.data.posed import Posed
 from core.data.sfm.kept_points import MARK, home_of, read_kept, scene_of
 from core.errors import BadInput, command
@@ -26,14 +34,16 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
     """The posed photos in the folder `path`, of any kind but plain photos.
 
     all_photos: hold none of them out.
-    A scene without points (most often in NeRF's formats) becomes a collection without points; core.data.prepare adds them.
-    Photos that cannot be used are left out and named in the collection's notes. Raises BadInput if there is no such folder, or no photo
-    with a camera in it can be used.
+    A scene without points (most often in NeRF's formats) becomes a collection without points; core.data.prepare adds
+    them. Photos that cannot be used are left out and named in the collection's notes. Raises BadInput if there is no
+    such folder, or no photo with a camera in it can be used.
     """
     kind = find_kind(path)
     if kind == "photos":
         scene = path.resolve().name + "-scene"
-        raise BadInput(f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}")
+        raise BadInput(
+            f"{path} holds photos but no COLMAP model.", f"Type: {command('wegs', 'sfm', path, '-o', scene)}"
+        )
     home = home_of(path)
     posed = _read(home, kind)
     if home == path:
@@ -53,8 +63,8 @@ def _read(path: Path, kind: str) -> Posed:
 def find_kind(path: Path) -> str:
     """The kind of scene in a folder: a key of POSED, or "photos" (without poses).
 
-    A folder of triangulated points counts as the scene that they belong to. A COLMAP model takes precedence over a transforms.json.
-    Raises BadInput for anything else.
+    A folder of triangulated points counts as the scene that they belong to. A COLMAP model takes precedence over a
+    transforms.json. Raises BadInput for anything else.
     """
     check_is_folder(path)
     scene, kind = scene_of(path) or (path, None)
@@ -105,7 +115,8 @@ def posed_kind(path: Path) -> str | None:
 def scene_around(photos: Path) -> tuple[Path, str] | None:
     """The scene with cameras that the folder `photos` lies in, and its kind; None if there is none.
 
-    Inside the dense/ of a PhotoTourism scene, and inside a split of NeRF-OSR, that is the folder above, which holds the split.
+    Inside the dense/ of a PhotoTourism scene, and inside a split of NeRF-OSR,
+    that is the folder above, which holds the split.
     """
     above = photos.resolve().parent
     for scene in (above.parent, above):
@@ -118,7 +129,8 @@ def scene_around(photos: Path) -> tuple[Path, str] | None:
 
 
 def check_cameras_unknown(path: Path) -> None:
-    """Raise BadInput unless `path` is a folder in which structure from motion has something to do: not one with cameras and no plain photos."""
+    """Raise BadInput unless `path` is a folder in which structure from motion has something to do:
+    not one with cameras and no plain photos."""
     check_is_folder(path)
     if (kind := kind_with_cameras(path)) and not list_photos(path):
         fix = f"Type: {command('wegs', 'train', path)} (or name the folder of its photos, to have them found anew)."
@@ -126,7 +138,8 @@ def check_cameras_unknown(path: Path) -> None:
 
 
 def find_photos(path: Path) -> Path:
-    """The folder of plain photos: `path`, or images/, input/ or photos/ in it, whichever holds most. Raises BadInput if none holds any."""
+    """The folder of plain photos: `path`, or images/, input/ or photos/ in it, whichever holds most.
+    Raises BadInput if none holds any."""
     counts = count_photos(path)
     if any(counts.values()):
         return max(counts, key=counts.__getitem__)  # the first of equals
@@ -134,14 +147,21 @@ def find_photos(path: Path) -> Path:
         fix = "Give the folder above it that holds the photos as well."
         raise BadInput(f"{path} holds a COLMAP model, but not the photos it was made from.", fix)
     if scene := _scene_below(path):
-        raise BadInput(f"{path} holds no photos and no COLMAP model; its folder {scene.relative_to(path)} is a scene.", "Give that folder.")
+        raise BadInput(
+            f"{path} holds no photos and no COLMAP model; its folder {scene.relative_to(path)} is a scene.",
+            "Give that folder.",
+        )
     if around := scene_around(path):
-        raise BadInput(f"{path} holds no photos and no COLMAP model; it lies in the {around[1]} scene {around[0]}.", "Give that folder.")
+        raise BadInput(
+            f"{path} holds no photos and no COLMAP model; it lies in the {around[1]} scene {around[0]}.",
+            "Give that folder.",
+        )
     raise no_photos(path, "no photos and no COLMAP model")
 
 
 def _scene_below(path: Path) -> Path | None:
-    """The outermost folder below `path` that is a scene with cameras and photos, or None: archives often wrap it in one more folder."""
+    """The outermost folder below `path` that is a scene with cameras and photos, or None:
+    archives often wrap it in one more folder."""
     for folder in folders_below(path):
         with suppress(BadInput, OSError):  # half a model is no scene, nor is one that may not be read
             if kind_with_cameras(folder) and (list_photos(folder) or photos_below(folder)):
@@ -150,23 +170,29 @@ def _scene_below(path: Path) -> Path | None:
 
 
 def warn_of_others(path: Path, photos: Path, report: Report) -> None:
-    """Warn of what lies in and below `path` but is not used: photos in other folders than `photos`, which `find_photos` chose, and a model."""
+    """Warn of what lies in and below `path` but is not used:
+    photos in other folders than `photos`, which `find_photos` chose, and a model."""
     for folder, count in passed_over(path, photos).items():
         report.warn(f"{counted(count, 'photo')} in {folder} not used: {photos} holds as many or more.")
     if below := not_searched(path):
-        what = f"{counted(sum(below.values()), 'photo')} in {list_names(list(map(str, below)))} not used: subfolders are not searched."
+        what = (
+            f"{counted(sum(below.values()), 'photo')} in {list_names(list(map(str, below)))} not used: "
+            "subfolders are not searched."
+        )
         report.warn(f"{what} To use them, put all photos into one folder, or give theirs.")
     if model := model_elsewhere(path):
         report.warn(f"{model} holds a COLMAP model, which is not used: move it to {path / MODEL_FOLDERS[0]}.")
 
 
 def model_elsewhere(path: Path) -> Path | None:
-    """A folder with a COLMAP model in or below `path`, a folder of plain photos, where no model is looked for; of several, that of most photos."""
+    """A folder with a COLMAP model in or below `path`, a folder of plain photos, where no model is looked for;
+    of several, that of most photos."""
     return max(filter(holds_model, (path, *folders_below(path))), key=photos_in_model, default=None)
 
 
 def passed_over(path: Path, photos: Path) -> dict[Path, int]:
-    """The folders that `find_photos` could have chosen for `path` in place of `photos`, with the number of photos in each."""
+    """The folders that `find_photos` could have chosen for `path` in place of `photos`,
+    with the number of photos in each."""
     return {folder: count for folder, count in count_photos(path).items() if count and folder != photos}
 
 
@@ -177,6 +203,7 @@ def not_searched(path: Path) -> dict[Path, int]:
 
 
 def count_photos(path: Path) -> dict[Path, int]:
-    """The folders that `find_photos` looks into, `path` itself and PHOTO_FOLDERS in it, with the number of photos in each."""
+    """The folders that `find_photos` looks into, `path` itself and PHOTO_FOLDERS in it,
+    with the number of photos in each."""
     folders = [path / name for name in PHOTO_FOLDERS]
     return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not names_wegs(folder)}

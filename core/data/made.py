@@ -1,4 +1,5 @@
-"""Folders that wegs made (runs, scenes, points), recognised later by a file in them, the mark, that says what they were made of."""
+"""Folders that wegs made (runs, scenes, points), recognised later by a file in them, the mark,
+that says what they were made of."""
 
 import hashlib
 import json
@@ -12,8 +13,8 @@ from core.words import list_names
 
 CONFIG = "config.json"  # of a run
 MADE_OF = "photos.json"  # of a scene made of plain photos: these files
-# What other layers write into a run. Named here, as core.training.on_disk.run_folders, which deletes it all when a run is replaced, cannot import
-# them. EVALUATED: by protocol.
+# What other layers write into a run. Named here, as core.training.on_disk.run_folders, which deletes it all when a run
+# is replaced, cannot import them. EVALUATED: by protocol.
 LOOKS, PICTURES, CURVES = "appearance", "pictures", "curves"
 EVALUATED = {
     "half": ("results.json", "per_view.json", "sheet.png"),
@@ -27,11 +28,15 @@ def scene_beside(output: Path, scene: Path) -> Path:
     return output.absolute().parent / f"{scene.resolve().name or 'scene'}-scene"
 
 
-def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report) -> Path:
-    """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds; if none does, the first that does not exist, made by `make`.
+def made_once(
+    wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report
+) -> Path:
+    """The first of wanted, wanted-2, wanted-3, ...
+    for which `is_it` holds; if none does, the first that does not exist, made by `make`.
 
-    mark: the file by which such a folder is recognised; those that were made of something else are named to the user. what: words for the content,
-    such as "Points as triangulated", to say that it is used again. Raises what `make` raises.
+    mark: the file by which such a folder is recognised; those that were made of something else are named to the user.
+    what: words for the content, such as "Points as triangulated", to say that it is used again. Raises what `make`
+    raises.
     """
     folder, number, others = wanted, 1, []
     while os.path.lexists(folder) and not is_it(folder):
@@ -42,7 +47,10 @@ def made_once(wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Call
     if not os.path.lexists(folder):
         if others:
             stay = "stay; remove those that no run needs" if len(others) > 1 else "stays; remove it if no run needs it"
-            report.say(f"Made anew in {folder}. Of other photos, or of these before a change: {list_names(others)}, which {stay}.")
+            report.say(
+                f"Made anew in {folder}. Of other photos, or of these before a change: "
+                f"{list_names(others)}, which {stay}."
+            )
         try:
             make(folder)
             return folder
@@ -65,7 +73,8 @@ def fault_of_mark(path: Path) -> str | None:
 
 def _facts_and_fault(path: Path) -> tuple[dict, str | None]:
     try:
-        facts = json.loads(path.read_bytes())  # bytes, as json then skips the byte-order mark that some Windows editors write
+        # Bytes, as json then skips the byte-order mark that some Windows editors write.
+        facts = json.loads(path.read_bytes())
     except OSError as problem:
         return {}, f"cannot be read ({problem.strerror})"
     except (ValueError, RecursionError):
@@ -74,8 +83,9 @@ def _facts_and_fault(path: Path) -> tuple[dict, str | None]:
 
 
 def path_from(root: Path, path: Path) -> str:
-    """The path relative to `root`, so that both may be moved together: as it is if it leads through a link in `root`, and beginning with `..` if it
-    lies outside. The whole path if there is no relative one, as between drives of Windows."""
+    """The path relative to `root`, so that both may be moved together: as it is if it leads through a link in `root`,
+    and beginning with `..` if it lies outside. The whole path if there is no relative one, as between drives of
+    Windows."""
     inside, home = Path(os.path.abspath(path)), Path(os.path.abspath(root))
     if inside.is_relative_to(home) and inside.resolve() == path.resolve():  # not where `..` follows a link
         return inside.relative_to(home).as_posix()
@@ -91,9 +101,11 @@ def way_to(target: Path, folder: Path) -> str | None:
 
 
 def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -> Path:
-    """The folder `place` or, if it is gone, the one that the relative path `way` leads to from `folder`: both may have been moved together.
+    """The folder `place` or, if it is gone, the one that the relative path `way` leads to from `folder`:
+    both may have been moved together.
 
-    files: what `place` held. A folder with none of them is a different one: a path such as ../.. leads to some folder from anywhere.
+    files: what `place` held. A folder with none of them is a different one: a path such as ../..
+    leads to some folder from anywhere.
     """
     together = (folder / str(way)).resolve()
     may_be = way and together.is_dir() and not place.is_dir()
@@ -101,7 +113,8 @@ def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -
 
 
 def names_wegs(folder: Path) -> bool:
-    """Whether the folder's config.json is one of wegs, so that its pictures are not photos. (`run_folders.is_run` also knows a damaged one.)"""
+    """Whether the folder's config.json is one of wegs, so that its pictures are not photos.
+    (`run_folders.is_run` also knows a damaged one.)"""
     return "wegs" in read_mark(folder / CONFIG)
 
 

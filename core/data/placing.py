@@ -57,14 +57,16 @@ class Placing:
         if lens.is_spherical():
             self.said.add(f"taken by a panorama camera ({lens.model_name}), not used", photo.name)
             return None
-        if not distortion.usable(lens) or not all((np.abs(part) < LARGEST_COORDINATE).all() for part in (photo.rotation, photo.centre)):
+        if not distortion.usable(lens) or not all(
+            (np.abs(part) < LARGEST_COORDINATE).all() for part in (photo.rotation, photo.centre)
+        ):
             self.said.add("with a camera or pose that is broken, not used", photo.name)
             return None
         return self._fit(photo, lens, header)
 
     def _fit(self, photo: PosedPhoto, lens: pycolmap.Camera, header: Header) -> Placed | None:
-        """The camera scaled to the photo. Programs that find cameras ignore EXIF rotation, so a camera that fits the pixels as stored is
-        taken for theirs, and is turned together with them."""
+        """The camera scaled to the photo. Programs that find cameras ignore EXIF rotation, so a camera that fits the
+        pixels as stored is taken for theirs, and is turned together with them."""
         stored = _same_shape(lens, header.width, header.height)
         if not stored and not _same_shape(lens, *header.displayed):
             sizes = f"{header.width}x{header.height}, camera {lens.width}x{lens.height}"
@@ -104,8 +106,16 @@ class Placing:
             return []
         lens = self.off_middle[0]
         meant = f"{2 * lens.principal_point_x:.0f} x {2 * lens.principal_point_y:.0f}"
-        what = f"The intrinsics fit photos of about {meant} px (twice the principal point), the files have {lens.width} x {lens.height}"
-        return [Note(f"{what}: expect a poor scene. Put in photos of that size, or state w and h where the file may (transforms.json).")]
+        what = (
+            f"The intrinsics fit photos of about {meant} px (twice the principal point), "
+            f"the files have {lens.width} x {lens.height}"
+        )
+        return [
+            Note(
+                f"{what}: expect a poor scene. Put in photos of that size, "
+                "or state w and h where the file may (transforms.json)."
+            )
+        ]
 
 
 def focal_length_of(camera: Camera | pycolmap.Camera) -> float:

@@ -23,8 +23,10 @@ class Fault(Exception):
 class PosedPhoto:
     """A photo as a collection's files describe it, before the photo itself is opened.
 
-    lens: the camera for a photo of this width and height (px, as stored), which matter only to formats that state no size.
-    rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units. split: "train", "test", or None if the files do not say.
+    lens: the camera for a photo of this width and height (px, as stored),
+    which matter only to formats that state no size.
+    rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units.
+    split: "train", "test", or None if the files do not say.
     mask: a picture, white where the photo is to be used.
     """
 
@@ -57,7 +59,8 @@ class Points:
 class Posed:
     """What a scene's files say. source: the file or folder that says it. notes: what was left out so far.
 
-    missing_words: what to say of missing photos, after "3 photos". fix: what to do if they are missing and none is left.
+    missing_words: what to say of missing photos, after "3 photos".
+    fix: what to do if they are missing and none is left.
     """
 
     kind: str
@@ -70,7 +73,8 @@ class Posed:
 
 
 def in_utf_8(name: str) -> bool:
-    """Whether a photo's name is in UTF-8: COLMAP, which triangulates points where a scene has none, accepts no other."""
+    """Whether a photo's name is in UTF-8: COLMAP,
+    which triangulates points where a scene has none, accepts no other."""
     return name.encode("utf-8", "replace").decode() == name
 
 
@@ -81,14 +85,18 @@ def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[Note]]:
         frame = SceneFrame.around(positions[finite], quantile=0.5)
         finite[finite] = np.linalg.norm(frame.to_scene(positions[finite]), axis=1) < STRAY
     dropped = int((~finite).sum())
-    return finite, [Note(f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out.")] if dropped else []
+    return finite, [
+        Note(f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out.")
+    ] if dropped else []
 
 
 def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """A camera-to-world matrix (4, 4) or (3, 4) as PosedPhoto.rotation and PosedPhoto.centre, in the camera axes that it has.
+    """A camera-to-world matrix (4, 4) or (3, 4) as PosedPhoto.rotation and PosedPhoto.centre,
+    in the camera axes that it has.
 
-    The axes may have a common length other than 1, as a scaled camera sees the same. Rounded axes are replaced by the nearest rotation (SVD).
-    Raises Fault for any other matrix that is no rotation. what: the matrix, in words for the Fault.
+    The axes may have a common length other than 1, as a scaled camera sees the same. Rounded axes are replaced by the
+    nearest rotation (SVD). Raises Fault for any other matrix that is no rotation. what: the matrix, in words for the
+    Fault.
     """
     axes, centre = matrix[:3, :3], matrix[:3, 3]
     if not (np.abs(matrix[:3]) < LARGEST_COORDINATE).all():

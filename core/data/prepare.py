@@ -1,4 +1,5 @@
-"""Makes what a scene lacks for training, cameras for plain photos and points for posed ones, and keeps it beside the runs for the next one."""
+"""Makes what a scene lacks for training, cameras for plain photos and points for posed ones,
+and keeps it beside the runs for the next one."""
 
 from pathlib import Path
 
@@ -14,8 +15,8 @@ from core.report import Report
 def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False) -> Collection:
     """The collection in the folder `scene`; what it lacks is made now, unless it was made before.
 
-    wanted: the folder for what is made, from which the collection is then read; nothing is written into the scene. all_photos, errors: as in
-    load_collection; errors also as in structure from motion.
+    wanted: the folder for what is made, from which the collection is then read; nothing is written into the scene.
+    all_photos, errors: as in load_collection; errors also as in structure from motion.
     """
     plain = find_kind(scene) == "photos"
     if plain:

@@ -1,6 +1,6 @@
-"""Imports pycolmap for the first time, with signals deferred: a Ctrl-C during the import would be reported as a broken installation. The handler
-that pycolmap sets for SIGTERM, which would print pages of C++ addresses, is replaced by the previous one. (For a tenth of a second in between,
-SIGTERM gets through.)
+"""Imports pycolmap for the first time, with signals deferred: a Ctrl-C during the import would be reported as a broken
+installation. The handler that pycolmap sets for SIGTERM, which would print pages of C++ addresses, is replaced by the
+previous one. (For a tenth of a second in between, SIGTERM gets through.)
 """
 
 import signal
@@ -8,7 +8,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 
-import cv2  # noqa: F401 - before pycolmap: loaded after it, OpenCV corrupts memory when it writes a PNG (OpenCV 5.0.0, pycolmap 4.2.1)
+# Before pycolmap: loaded after it, OpenCV corrupts memory when it writes a PNG (OpenCV 5.0.0, pycolmap 4.2.1).
+import cv2  # noqa: F401
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 

@@ -10,18 +10,24 @@ from core.system.atomic import write_bytes, write_json
 from core.words import Note, list_names, name_them
 
 EVERY = 8  # as in the original 3DGS and everything compared with it
-TEST_LISTS = ("test.txt", "test_list.txt")  # the original 3DGS's; nerfbaselines', beside which a TRAINING_LIST says what is trained on
+# The original 3DGS's; nerfbaselines', beside which a TRAINING_LIST says what is trained on.
+TEST_LISTS = ("test.txt", "test_list.txt")
 TRAINING_LIST = "train_list.txt"
 COMMENT = "# "  # begins a line of it that names no photo
-COPIED = "lists.json"  # in a scene made of plain photos: the lists that were copied into it, each with the hash of its content
+# In a scene made of plain photos: the lists that were copied into it, each with the hash of its content.
+COPIED = "lists.json"
 
 
-def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note], Path]:
-    """The split of each usable photo ("train" or "test"; photos in neither are left out), notes, and the file that says so, or `model`.
+def split_photos(
+    root: Path, model: Path, names: list[str], in_model: set[str]
+) -> tuple[dict[str, str], list[Note], Path]:
+    """The split of each usable photo ("train" or "test";
+    photos in neither are left out), notes, and the file that says so, or `model`.
 
-    A .tsv or one of TEST_LISTS, in upper or lower case, is looked for in `root`, in the folder `model` (as in the original 3DGS) and in those
-    between them, such as dense/. names: the usable photos, sorted. in_model: all photos of the model, so that a list is not called wrong for naming
-    one whose file is merely missing. Raises BadInput for a table that cannot be read.
+    A .tsv or one of TEST_LISTS, in upper or lower case, is looked for in `root`, in the folder `model` (as in the
+    original 3DGS) and in those between them, such as dense/. names: the usable photos, sorted. in_model: all photos of
+    the model, so that a list is not called wrong for naming one whose file is merely missing. Raises BadInput for a
+    table that cannot be read.
     """
     places = dict.fromkeys((root, model, *(folder for folder in model.parents if root in folder.parents)))
     tables, others = find_tables(*places)
@@ -32,7 +38,12 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         source = tables[0]
         splits, notes = _by_table(source, names, in_model)
         if len(tables) > 1:
-            notes.append(Note(f"Several split tables: {source.name} is used, {list_names([path.name for path in tables[1:]])} not."))
+            notes.append(
+                Note(
+                    f"Several split tables: {source.name} is used, "
+                    f"{list_names([path.name for path in tables[1:]])} not."
+                )
+            )
     elif lists:
         source = lists[0]
         splits, notes = _by_list(source, names, in_model)
@@ -40,8 +51,15 @@ def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) 
         return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits], model
     else:
         splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
-        every = f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing; `--all-photos` trains on all."
-        return splits, [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve()), *no_splits], model
+        every = (
+            f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing; "
+            "`--all-photos` trains on all."
+        )
+        return (
+            splits,
+            [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve()), *no_splits],
+            model,
+        )
     return splits, notes + none_held_out(splits, f"{source.name} holds out none of these photos") + no_splits, source
 
 
@@ -52,10 +70,11 @@ def none_held_out(splits: dict[str, str], why: str) -> list[Note]:
 
 
 def copy_lists(folders: Iterable[Path], scene: Path) -> None:
-    """Copy the split tables and the test list in the folders of plain photos into the scene made of these, where they are looked for.
+    """Copy the split tables and the test list in the folders of plain photos into the scene made of these,
+    where they are looked for.
 
-    Of two with the same name the last is copied. What was copied earlier and is gone from the folders is removed from the scene, too, unless it was
-    changed there.
+    Of two with the same name the last is copied. What was copied earlier and is gone from the folders is removed
+    from the scene, too, unless it was changed there.
     """
     found = {path.name: path for folder in folders for path in _lists_in(folder)}
     copied = read_mark(scene / COPIED)
@@ -83,15 +102,19 @@ def _find(folder: Path, *names: str) -> list[Path]:
 
 
 def in_both(train: str, test: str, names: Iterable[str]) -> list[Note]:
-    """A note that names photos in the lists for training and for testing; they are held out. train, test: what the lists are called."""
+    """A note that names photos in the lists for training and for testing; they are held out.
+    train, test: what the lists are called."""
     return name_them(f"in both {train} and {test}, held out", sorted(names), of_split=True)
 
 
 def _lists_without_effect(root: Path) -> list[Note]:
-    """Notes on tables and lists that are not used: they lie in another folder, or lack the list that belongs to them."""
+    """Notes on tables and lists that are not used:
+    they lie in another folder, or lack the list that belongs to them."""
     notes = []
     if root.name == "dense" and (tables := find_tables(root.parent)[0]):
-        notes.append(Note(f"{tables[0]} is not used: give the folder it is in, {root.parent}, to split by it.", of_split=True))
+        notes.append(
+            Note(f"{tables[0]} is not used: give the folder it is in, {root.parent}, to split by it.", of_split=True)
+        )
     if _find(root, TRAINING_LIST):
         notes.append(Note(f"{TRAINING_LIST} is not used: there is no {TEST_LISTS[1]} beside it.", of_split=True))
     return notes
@@ -119,7 +142,9 @@ def _by_list(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str
     trained, more = _rows_in(training, in_model.union(names), _lines_of(training))
     listed = held_out.keys() | trained.keys()
     notes += more + in_both(training.name, path.name, held_out.keys() & trained.keys())
-    notes += name_them(f"neither in {path.name} nor in {training.name}, not used", [name for name in names if name not in listed])
+    notes += name_them(
+        f"neither in {path.name} nor in {training.name}, not used", [name for name in names if name not in listed]
+    )
     return {name: "test" if name in held_out else "train" for name in names if name in listed}, notes
 
 

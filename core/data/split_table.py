@@ -1,5 +1,5 @@
-"""The table of the PhotoTourism layout, which says which photos are for training and which for testing: SCENE/NAME.tsv, or nerfw_split.csv, as
-nerfbaselines calls it."""
+"""The table of the PhotoTourism layout, which says which photos are for training and which for testing: SCENE/NAME.tsv,
+or nerfw_split.csv, as nerfbaselines calls it."""
 
 import codecs
 import csv
@@ -18,8 +18,8 @@ TABLES = ("*.tsv", "nerfw_split.csv")  # in any letters
 class SplitTable:
     """The rows of a split .tsv.
 
-    splits: photo name -> "train" or "test". without_id, unknown_split: names of photos all of whose rows are unusable for that reason.
-    contradicted: those in both splits, which are held out.
+    splits: photo name -> "train" or "test". without_id, unknown_split: names of photos all of whose rows are unusable
+    for that reason. contradicted: those in both splits, which are held out.
     """
 
     splits: dict[str, str]
@@ -30,23 +30,33 @@ class SplitTable:
 
 def list_files(folder: Path) -> list[Path]:
     """The files in a folder, if it is one, by name, without hidden ones."""
-    return sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")) if folder.is_dir() else []
+    if not folder.is_dir():
+        return []
+    return sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
 
 
 def find_tables(*folders: Path) -> tuple[list[Path], list[Path]]:
     """The TABLES in the folders, in their order and by name: those that hold a split, and others.
 
-    The first line of a split names its COLUMNS. If no file has all of them, those with a column of file names count as splits, so that reading one
-    reports what it lacks.
+    The first line of a split names its COLUMNS. If no file has all of them, those with a column of file names count as
+    splits, so that reading one reports what it lacks.
     """
-    paths = [path for folder in folders for path in list_files(folder) if any(Path(path.name.lower()).match(pattern) for pattern in TABLES)]
+    paths = [
+        path
+        for folder in folders
+        for path in list_files(folder)
+        if any(Path(path.name.lower()).match(pattern) for pattern in TABLES)
+    ]
     columns = {path: columns_of(path) for path in paths}
-    splits = [path for path in paths if columns[path] >= COLUMNS] or [path for path in paths if "filename" in columns[path]]
+    splits = [path for path in paths if columns[path] >= COLUMNS] or [
+        path for path in paths if "filename" in columns[path]
+    ]
     return splits, [path for path in paths if path not in splits]
 
 
 def encoding_of(path: Path) -> str:
-    """The encoding of a table or list: UTF-8, or UTF-16 if it begins with the byte-order mark that Windows programs write."""
+    """The encoding of a table or list: UTF-8, or UTF-16 if it begins with the
+    byte-order mark that Windows programs write."""
     with open(path, "rb") as file:
         return "utf-16" if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
 
@@ -64,8 +74,8 @@ def columns_of(path: Path) -> set[str]:
 def read_split_table(path: Path) -> SplitTable:
     """Read filename, id and split; other columns are ignored.
 
-    Ids (floats in the official files) matter only in that a row without one is not used, as in NeRF-W's reader. Raises BadInput for a file
-    without these columns.
+    Ids (floats in the official files) matter only in that a row without one is not used, as in NeRF-W's reader.
+    Raises BadInput for a file without these columns.
     """
     fix = "Remove it, or give it the tab-separated columns filename, id and split."
     try:

@@ -47,7 +47,8 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
 
 
 def _scene(path: Path, report: Report) -> list[Finding]:
-    """Findings about a scene or a folder of photos. For anything else, the BadInput says what to do, and names a .ply if the folder holds one."""
+    """Findings about a scene or a folder of photos.
+    For anything else, the BadInput says what to do, and names a .ply if the folder holds one."""
     try:
         return examine_scene(path, report)
     except BadInput as problem:

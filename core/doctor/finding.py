@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Finding:
-    """The result of a check. figure: what was found. meaning: why it matters, or empty. advice: what to do, if anything.
+    """The result of a check. figure: what was found. meaning: why it matters, or empty.
+    advice: what to do, if anything.
 
-    elsewhere: the advice for a file that wegs did not write, where wegs' own commands and settings do not help; empty if it is the same.
+    elsewhere: the advice for a file that wegs did not write,
+    where wegs' own commands and settings do not help; empty if it is the same.
     """
 
     name: str
@@ -35,7 +37,9 @@ def verdict(findings: Sequence[Finding]) -> str:
     if not open_ones:
         return f"Verdict: sound; {len(findings)} checks, nothing to do."
     need = "needs" if len(open_ones) == 1 else "need"
-    return f"Verdict: {len(open_ones)} of {len(findings)} checks {need} attention: {', '.join(dict.fromkeys(open_ones))}."
+    return (
+        f"Verdict: {len(open_ones)} of {len(findings)} checks {need} attention: {', '.join(dict.fromkeys(open_ones))}."
+    )
 
 
 def part(count: int, total: int) -> str:

@@ -10,12 +10,14 @@ from core.scene.harmonics import SH_0, coefficient_count
 from core.scene.splats import QUATERNION_MIN_NORM2, Splats
 
 NEEDLE = 10.0  # longest axis over the middle one
-NEEDLES_SHARE = 0.5  # of all; a third do no harm where no photo was taken (core/TRIED.md, "Learning rates"), more was not measured
+# Of all; a third do no harm where no photo was taken (core/TRIED.md, "Learning rates"), more was not measured.
+NEEDLES_SHARE = 0.5
 # Longest axis over the shortest. Above, a c - b^2 in float32 (half a step is 6e-8) is wrong by 1 %: 6e-8 * 400^2.
 STIFF = 400.0
 GIANT = 0.5  # longest axis, in radii of the scene
 FAR = 3.0  # radii of the scene; giants farther away are a background
-STRAY = 1000.0  # radii of the scene; with Gaussians farther away, a viewer that fits the whole file into its window shows a dot
+# Radii of the scene; with Gaussians farther away, a viewer that fits the whole file into its window shows a dot.
+STRAY = 1000.0
 WASTE = 0.02  # share of Gaussians that do nothing
 COLOURS = (-0.5, 1.5)  # of the DC term; [0, 1] can be shown, and view dependence adds or subtracts something
 BURNT_SHARE = 0.02
@@ -24,7 +26,8 @@ SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 
 
 def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Finding]:
-    """Findings about Gaussians in the scene frame. sky: how many of the last ones are the dome, which is large and far on purpose."""
+    """Findings about Gaussians in the scene frame.
+    sky: how many of the last ones are the dome, which is large and far on purpose."""
     total = len(splats)
     finite, turned = splats.finite_rows(), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2
     findings = [
@@ -47,7 +50,8 @@ def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
 
 
 def _unconverted(values: torch.Tensor, share: float = 1.0) -> bool:
-    """Whether numbers that 3DGS stores as logits, logarithms or SH look unconverted: none is below 0, and this share of them is at most 1."""
+    """Whether numbers that 3DGS stores as logits, logarithms or SH look unconverted:
+    none is below 0, and this share of them is at most 1."""
     low, most, high = np.quantile(values.numpy(), [0.0, share, 1.0])
     return bool(-ROUNDED <= low < high and most <= 1 + ROUNDED)
 
@@ -56,7 +60,11 @@ def _opacities(splats: Splats) -> list[Finding]:
     logits = splats.logit_opacities.double()
     if _unconverted(logits):
         fix = "Write their logits, log(o / (1 - o)), as 3DGS does."
-        return [Finding("opacities", "all from 0 to 1", "stored as they are, so viewers draw them all between 0.5 and 0.73", fix)]
+        return [
+            Finding(
+                "opacities", "all from 0 to 1", "stored as they are, so viewers draw them all between 0.5 and 0.73", fix
+            )
+        ]
     opacities = torch.sigmoid(logits)
     faint, full = int((opacities < ALPHA_MIN).sum()), int((opacities > ALPHA_MAX).sum())
     advice = "Train with a higher prune_opacity, which removes them." if faint > WASTE * len(splats) else ""
@@ -105,7 +113,12 @@ def _shapes(splats: Splats) -> list[Finding]:
 def _sizes(splats: Splats, frame: SceneFrame) -> Finding:
     if _unconverted(splats.log_scales + np.log(frame.radius), 0.9):  # the rest may be a background
         fix = "Write their natural logarithms, as 3DGS does."
-        return Finding("scales", "none below 0, nearly all up to 1", "stored as they are, so viewers draw them all 1 to 3 units long", fix)
+        return Finding(
+            "scales",
+            "none below 0, nearly all up to 1",
+            "stored as they are, so viewers draw them all 1 to 3 units long",
+            fix,
+        )
     largest = splats.log_scales.amax(dim=1).exp()
     distances = splats.means.norm(dim=1)
     giants = largest > GIANT
@@ -118,7 +131,9 @@ def _sizes(splats: Splats, frame: SceneFrame) -> Finding:
     if near + beyond > len(splats) / 2:
         fix = "Check that they are natural logarithms, in the units of the centres, and export it again."
         return Finding("scales", figure, "longer than half the scene's radius, most of all: nothing but haze", fix)
-    return Finding("giants", figure, "longer than half the scene's radius: haze inside, background outside", advice, "Remove them.")
+    return Finding(
+        "giants", figure, "longer than half the scene's radius: haze inside, background outside", advice, "Remove them."
+    )
 
 
 def _extent(splats: Splats, frame: SceneFrame) -> Finding:
@@ -135,7 +150,14 @@ def _extent(splats: Splats, frame: SceneFrame) -> Finding:
 def _colours(splats: Splats) -> list[Finding]:
     if _unconverted(splats.sh[:, 0]):
         fix = "Write (c - 0.5) / 0.2821 for a colour c, as 3DGS does."
-        return [Finding("colours", "f_dc all from 0 to 1", "stored as they are, so viewers draw them all between 0.5 and 0.78", fix)]
+        return [
+            Finding(
+                "colours",
+                "f_dc all from 0 to 1",
+                "stored as they are, so viewers draw them all between 0.5 and 0.78",
+                fix,
+            )
+        ]
     dc = (0.5 + SH_0 * splats.sh[:, 0].double()).numpy()
     low, high = np.quantile(dc, [0.01, 0.99])
     burnt = int(((dc < COLOURS[0]) | (dc > COLOURS[1])).any(axis=1).sum())

@@ -37,10 +37,19 @@ def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
     figure = f"{counted(len(splats), 'Gaussian')} of SH degree {splats.degree}, {size / 1e6:.1f} MB"
     findings = [Finding("file", figure, f"{(size - beyond) / len(splats):.0f} bytes a Gaussian")]
     if beyond:
-        findings.append(Finding("rest of the file", counted(beyond, "byte"), "after the last row that its header counts", AGAIN))
+        findings.append(
+            Finding("rest of the file", counted(beyond, "byte"), "after the last row that its header counts", AGAIN)
+        )
     if sky > len(splats):
         figure = f"{sky:,} of {counted(len(splats), 'Gaussian')}"
-        findings.append(Finding("sky", figure, "rows were removed since wegs wrote the file; the sky now counts as part of the scene", AGAIN))
+        findings.append(
+            Finding(
+                "sky",
+                figure,
+                "rows were removed since wegs wrote the file; the sky now counts as part of the scene",
+                AGAIN,
+            )
+        )
     return findings
 
 

@@ -38,7 +38,12 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
     neutral = bake(trained, neutral_look(trained))
     size = f"{counted(len(neutral), 'Gaussian')} ({sky:,} of them sky) of SH degree {neutral.degree}"
     findings = [
-        Finding("file", size, f"{len(neutral) * BYTES_PER_GAUSSIAN / 1e6:.1f} MB per look as .ply", "" if len(neutral) > sky else densify.ALL_GONE),
+        Finding(
+            "file",
+            size,
+            f"{len(neutral) * BYTES_PER_GAUSSIAN / 1e6:.1f} MB per look as .ply",
+            "" if len(neutral) > sky else densify.ALL_GONE,
+        ),
         *_progress(trained),
         _settings(trained.settings),
         *placed_photos(trained.collection.root),
@@ -60,7 +65,8 @@ def _progress(trained: TrainedRun) -> list[Finding]:
     advice, meaning = "", "what was asked for"
     if run_folders.is_at_work(trained.folder):
         meaning += "; it is still being trained"
-    elif steps < wanted or (len(trained.splats) and not any(trained.folder.glob(run_folders.CLOUDS))):  # without Gaussians there is no file
+    # Without Gaussians there is no file.
+    elif steps < wanted or (len(trained.splats) and not any(trained.folder.glob(run_folders.CLOUDS))):
         advice = f"Type: {checkpoint.how_to_go_on(trained.folder)}"
         if steps == wanted:
             meaning += "; the results were not written"
@@ -80,22 +86,34 @@ def _progress(trained: TrainedRun) -> list[Finding]:
 
 
 def _course(trained: TrainedRun) -> list[Finding]:
-    """Whether held-out quality fell, as recorded in training; nothing before the first check, and for a run without checks."""
+    """Whether held-out quality fell, as recorded in training;
+    nothing before the first check, and for a run without checks."""
     name, settings = "held-out quality", trained.settings
     course = [row[history.HELD_OUT] for row in history.checks(trained.folder)]
     if course:
         best, last = max(course), course[-1]
-        advice = "The run overfits its photos: train for fewer steps or with fewer Gaussians." if last < best - FELL_DB else ""
+        overfits = "The run overfits its photos: train for fewer steps or with fewer Gaussians."
+        advice = overfits if last < best - FELL_DB else ""
         return [Finding(name, f"{last:.2f} dB, {best:.2f} at best", "of a few test photos, by history.csv", advice)]
-    if trained.collection.split("test") and any(step <= trained.step for step in schedule.evenly(settings.held_out_checks, settings.steps)):
+    if trained.collection.split("test") and any(
+        step <= trained.step for step in schedule.evenly(settings.held_out_checks, settings.steps)
+    ):
         meaning = f"{history.FILE} was removed or damaged after the training, or no test photo could be read"
-        return [Finding(name, "not recorded", meaning, f"Measure it: {command('wegs', 'eval', '--run', trained.folder)}")]
+        return [
+            Finding(name, "not recorded", meaning, f"Measure it: {command('wegs', 'eval', '--run', trained.folder)}")
+        ]
     return []
 
 
 def _settings(settings: Settings) -> Finding:
-    changed = [f"{item.name}={value}" for item in fields(settings) if (value := getattr(settings, item.name)) != item.default]
-    return Finding("settings", ", ".join(changed) or "all defaults", "what differs from this version's defaults: chosen, or decided by the photos")
+    changed = [
+        f"{item.name}={value}" for item in fields(settings) if (value := getattr(settings, item.name)) != item.default
+    ]
+    return Finding(
+        "settings",
+        ", ".join(changed) or "all defaults",
+        "what differs from this version's defaults: chosen, or decided by the photos",
+    )
 
 
 def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
@@ -133,7 +151,8 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
 
 
 class _Residuals:
-    """Statistics of what looks add to SH coefficients, summed look by look: a million Gaussians in 64 looks would not fit into memory."""
+    """Statistics of what looks add to SH coefficients, summed look by look:
+    a million Gaussians in 64 looks would not fit into memory."""
 
     def __init__(self, settings: Settings):
         """settings: of the run."""
@@ -171,7 +190,10 @@ class _Residuals:
 def _if_all_look_alike(settings: Settings) -> str:
     usual = Settings().sh_regularisation
     if settings.sh_regularisation > usual:  # such as the paper's, under which looks never leave the base
-        return f"sh_regularisation={settings.sh_regularisation:g} holds looks at the base: train with less, such as {usual:g}."
+        return (
+            f"sh_regularisation={settings.sh_regularisation:g} holds looks at the base: "
+            f"train with less, such as {usual:g}."
+        )
     return "Train with --set appearance=off: plain Gaussians do as well."
 
 
@@ -181,5 +203,8 @@ def _masks(masks: dict[str, float], collapse_told: bool) -> Finding:
     collapsed = collapse_told or mean < LEAST_STATIC
     advice = "Look at masks/ in the run; raise mask_regularisation if they hide the place itself." if collapsed else ""
     figure = f"{mean:.2f} (mean), {least:.2f} (least: {name})"
-    meaning = f"share of a photo that counts as static; with a mean below {LEAST_STATIC} masks have collapsed and are held there"
+    meaning = (
+        "share of a photo that counts as static; "
+        f"with a mean below {LEAST_STATIC} masks have collapsed and are held there"
+    )
     return Finding("masks", figure, meaning, advice)

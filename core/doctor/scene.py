@@ -46,7 +46,11 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
     collection = load_collection(root)
     train, test = (len(collection.split(name)) for name in ("train", "test"))
     return [
-        Finding("scene", f"{collection.kind}, {train:,} training and {counted(test, 'test photo')}", "what `wegs train` would read"),
+        Finding(
+            "scene",
+            f"{collection.kind}, {train:,} training and {counted(test, 'test photo')}",
+            "what `wegs train` would read",
+        ),
         *map(_note, collection.notes),
         *placed_photos(root),
         *_cameras(collection),
@@ -78,8 +82,13 @@ def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:
     odd = [f"{photo.name}: {focal_length_of(photo.camera):.3g}" for photo in photos if not is_usual(photo.camera)]
     advice = REMOVE
     if 2 * len(odd) > len(photos):
-        advice = "Unless they are what they seem, expect a poor scene: add photos from in between and find the cameras again."
-    return _named("odd focal lengths", odd, len(photos), f"outside {low:.2g} to {high:.2g}: SfM gave up on them", advice)
+        advice = (
+            "Unless they are what they seem, expect a poor scene: "
+            "add photos from in between and find the cameras again."
+        )
+    return _named(
+        "odd focal lengths", odd, len(photos), f"outside {low:.2g} to {high:.2g}: SfM gave up on them", advice
+    )
 
 
 def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:
@@ -93,10 +102,15 @@ def _cameras(collection: Collection) -> list[Finding]:
     photos, total = collection.photos, len(collection.photos)
     cameras = {photo.name: photo.camera for photo in photos}
     squeezed = [name for name, c in cameras.items() if abs(np.log(c.fx / c.fy)) > ASPECT]
-    crooked = [name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE]
+    crooked = [
+        name for name, c in cameras.items() if max(abs(c.cx / c.width - 0.5), abs(c.cy / c.height - 0.5)) > OFF_CENTRE
+    ]
     far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
     away = [photo.name for photo in photos if len(collection.points) and looks_away(photo, collection.points)]
-    looking = f"see less than {SHOWN:.0%} of the points said to be theirs, or, where nothing says which these are, no point at all"
+    looking = (
+        f"see less than {SHOWN:.0%} of the points said to be theirs, or, "
+        "where nothing says which these are, no point at all"
+    )
     lengths = np.array([focal_length_of(camera) for camera in cameras.values()])
     figure = f"{lengths.min():.3g} to {lengths.max():.3g}, median {np.median(lengths):.3g}"
     return [
@@ -113,19 +127,32 @@ def _points(collection: Collection) -> list[Finding]:
     photos, count = collection.photos, len(collection.points)
     if not count:  # a note says so as well; training triangulates them
         training = len(collection.split("train"))
-        fix = f"Add photos: at least {LEAST_PHOTOS} to train on are needed to triangulate points." if training < LEAST_PHOTOS else ""
+        needed = f"Add photos: at least {LEAST_PHOTOS} to train on are needed to triangulate points."
+        fix = needed if training < LEAST_PHOTOS else ""
         return [Finding("points", "none", f"training triangulates them from {counted(training, 'photo')}", fix)]
     seen = {photo.name: len(photo.points) for photo in photos}
     few = [f"{name}: {points}" for name, points in seen.items() if points < FEW_POINTS]
     farthest = np.linalg.norm(collection.points, axis=1).max()
-    each, more = f", {np.median(list(seen.values())):.0f} a photo (median)", "Add photos, or run SfM with more features."
+    each, more = (
+        f", {np.median(list(seen.values())):.0f} a photo (median)",
+        "Add photos, or run SfM with more features.",
+    )
     if not any(seen.values()):  # unknown which photo sees which
         each, more = "", "Give more of them, or run SfM with more features."
     figure = f"{count:,}{each}, the farthest {farthest:.3g} radii off"
     found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")
     if collection.kind != "colmap" or collection.points_from or not any(seen.values()):
         return [found]  # the poses were not estimated from these points
-    return [found, _named("photos with few points", few, len(photos), f"fewer than {FEW_POINTS} hold their pose", "Look at their renders.")]
+    return [
+        found,
+        _named(
+            "photos with few points",
+            few,
+            len(photos),
+            f"fewer than {FEW_POINTS} hold their pose",
+            "Look at their renders.",
+        ),
+    ]
 
 
 def _world(collection: Collection) -> Finding:
@@ -167,7 +194,13 @@ def _photo_findings(unusable: dict[str, str], flat: list[str], total: int) -> li
     fix = " ".join(dict.fromkeys(unusable[photo] for photo in sorted(unusable)))
     return [
         _named("unusable photos", sorted(unusable), total, "cannot be used; training leaves them out", fix),
-        _named("photos of one colour", sorted(flat), total, "black, white or covered: nothing to learn from", "Remove them."),
+        _named(
+            "photos of one colour",
+            sorted(flat),
+            total,
+            "black, white or covered: nothing to learn from",
+            "Remove them.",
+        ),
     ]
 
 
@@ -175,7 +208,10 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
     """Findings about photos without cameras: whether they can be read, and what comes next."""
     folder = find_photos(root)
     paths, flat, again, sizes = list_photos(folder), [], [], []
-    gone = {f"{path.name} (is a link to a file that is gone)": "Connect its disk, or copy the photo." for path in list_gone(folder)}
+    gone = {
+        f"{path.name} (is a link to a file that is gone)": "Connect its disk, or copy the photo."
+        for path in list_gone(folder)
+    }
     unusable = dict(gone)
     for path, photo in usable_photos(paths, report):
         if isinstance(photo, StoredTwice):
@@ -195,15 +231,26 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
         Finding("scene", figure, *_cameras_to_come(root, folder, len(sizes))),
         *_photos_elsewhere(root, folder),
         *_photo_findings(unusable, flat, len(paths) + len(gone)),
-        _named("pictures stored twice", sorted(again), len(paths), "left out; the fullest file of each picture is used", ""),
-        _named("photos in other formats", others, len(paths) + len(others), "cannot be read, left out", "Convert them to JPEG."),
+        _named(
+            "pictures stored twice", sorted(again), len(paths), "left out; the fullest file of each picture is used", ""
+        ),
+        _named(
+            "photos in other formats",
+            others,
+            len(paths) + len(others),
+            "cannot be read, left out",
+            "Convert them to JPEG.",
+        ),
     ]
 
 
 def _cameras_to_come(root: Path, folder: Path, usable: int) -> tuple[str, str]:
     """How the photos in `folder`, so many of them usable, get cameras, and what to do first, if anything."""
     if around := scene_around(folder):
-        return f"photos within the {around[1]} scene {around[0]}", "Give that folder to use its cameras, if it names these photos."
+        return (
+            f"photos within the {around[1]} scene {around[0]}",
+            "Give that folder to use its cameras, if it names these photos.",
+        )
     if usable < LEAST_PHOTOS:
         needed = f"at least {LEAST_PHOTOS} different ones that can be read are needed to find cameras"
         return "photos without cameras", f"Add photos of the same place: {needed}."
@@ -218,16 +265,30 @@ def _in_words(seconds: float) -> str:
 
 
 def _photos_elsewhere(root: Path, folder: Path) -> list[Finding]:
-    """Findings about photos and cameras in and below `root` that are not used, because only the photos in `folder` are."""
+    """Findings about photos and cameras in and below `root` that are not used,
+    because only the photos in `folder` are."""
     used = len(list_photos(folder))
     findings = [
-        Finding("photos elsewhere", f"{count} in {other}, beside the {used} in {folder}", "only one folder is used", "Put all photos into one.")
+        Finding(
+            "photos elsewhere",
+            f"{count} in {other}, beside the {used} in {folder}",
+            "only one folder is used",
+            "Put all photos into one.",
+        )
         for other, count in passed_over(root, folder).items()
     ]
     if model := model_elsewhere(root):
-        findings.append(Finding("cameras elsewhere", f"{model} holds a COLMAP model", "not used", f"Move it to {root / MODEL_FOLDERS[0]}."))
+        findings.append(
+            Finding(
+                "cameras elsewhere",
+                f"{model} holds a COLMAP model",
+                "not used",
+                f"Move it to {root / MODEL_FOLDERS[0]}.",
+            )
+        )
     if below := not_searched(root):
         figure = f"{sum(below.values())} in {list_names(list(map(str, below)))}, beside the {used} in {folder}"
-        advice = "Give that folder, or put all photos into one." if max(below.values()) > used else ""  # fewer may be masks, or thumbnails
+        # Fewer may be masks, or thumbnails.
+        advice = "Give that folder, or put all photos into one." if max(below.values()) > used else ""
         findings.append(Finding("photos elsewhere", figure, "subfolders are not searched", advice))
     return findings

@@ -1,4 +1,5 @@
-"""Checks of Gaussians as cameras see them: how far rounding to float32 moves them in a picture, and which no camera sees."""
+"""Checks of Gaussians as cameras see them: how far rounding to float32 moves them in a picture,
+and which no camera sees."""
 
 import json
 from pathlib import Path
@@ -32,7 +33,8 @@ def centres_of(splats: Splats, sky: int) -> np.ndarray:
 
 
 def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -> Finding:
-    """How far rounding to float32 moves a coordinate of the scene. means, cameras: scene frame; frame: that of the file."""
+    """How far rounding to float32 moves a coordinate of the scene.
+    means, cameras: scene frame; frame: that of the file."""
     error = frame.rounding / frame.radius
     shifts_px = [error * max(camera.fx, camera.fy) / depth for camera in cameras if (depth := _depth(camera, means))]
     if shifts_px:
@@ -43,7 +45,9 @@ def float32_error(frame: SceneFrame, means: np.ndarray, cameras: list[Camera]) -
         where = f"where the scene's radius takes {PICTURE_PX:.0f} px"
     advice = "Recentre the file; what `wegs bake` writes is." if usual_px > VISIBLE_PX else ""
     figure = f"{frame.rounding:.2g} units, {usual_px:.2g} px {where}"
-    return Finding("float32 positions", figure, "how far coordinates of this size are rounded", advice, "Recentre the file.")
+    return Finding(
+        "float32 positions", figure, "how far coordinates of this size are rounded", advice, "Recentre the file."
+    )
 
 
 def _depth(camera: Camera, means: np.ndarray) -> float | None:
@@ -53,12 +57,21 @@ def _depth(camera: Camera, means: np.ndarray) -> float | None:
 
 
 def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) -> Finding:
-    """How many Gaussians contribute 1/255 or more to no pixel of any camera; the last `sky` rows do not count. Scene frame."""
+    """How many Gaussians contribute 1/255 or more to no pixel of any camera;
+    the last `sky` rows do not count. Scene frame."""
     rasterizer, small = core.rasterizer.create("auto"), [camera.shrunk(WIDEST_PX / camera.width) for camera in cameras]
     try:
-        largest = largest_contributions(splats, small, rasterizer, lambda done, total: report.progress("Views", done, total))
+        largest = largest_contributions(
+            splats, small, rasterizer, lambda done, total: report.progress("Views", done, total)
+        )
     except BadInput as problem:  # Gaussians so large that the rasterizer refuses them
-        return Finding("never seen", "not measured", problem.what.rstrip("."), "Train with a smaller largest_scale.", "Remove the giants first.")
+        return Finding(
+            "never seen",
+            "not measured",
+            problem.what.rstrip("."),
+            "Train with a smaller largest_scale.",
+            "Remove the giants first.",
+        )
     solid = len(splats) - sky
     unseen = int((largest[:solid] < ALPHA_MIN).sum())
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
@@ -86,12 +99,20 @@ def cameras_beside(path: Path) -> list[Camera]:
 
 
 def _camera(values: dict) -> Camera:
-    """The camera of an entry of cameras.json. Raises Fault for one that nothing can be drawn with, and what Python raises for values that are
-    missing or no numbers."""
-    axes, centre = (np.array(values[name], dtype=np.float64).reshape(shape) for name, shape in (("rotation", (3, 3)), ("position", 3)))
+    """The camera of an entry of cameras.json. Raises Fault for one that nothing can be drawn with, and what Python
+    raises for values that are missing or no numbers."""
+    axes, centre = (
+        np.array(values[name], dtype=np.float64).reshape(shape)
+        for name, shape in (("rotation", (3, 3)), ("position", 3))
+    )
     rotation, centre = from_camera_to_world(np.column_stack([axes, centre]), "a pose")
     width, height = int(values["width"]), int(values["height"])
-    lens = float(values["fx"]), float(values["fy"]), float(values.get("cx", width / 2)), float(values.get("cy", height / 2))
+    lens = (
+        float(values["fx"]),
+        float(values["fy"]),
+        float(values.get("cx", width / 2)),
+        float(values.get("cy", height / 2)),
+    )
     if not can_be_drawn(width, height, lens):
         raise Fault(f"of {width} x {height} px that cannot be drawn with")
     return Camera(rotation, centre, *lens, width, height)

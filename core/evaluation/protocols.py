@@ -1,7 +1,8 @@
 """The two protocols by which methods for scenes in the wild are compared; their figures never share a table.
 
-half (NeRF-W): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures come from the right half, which the embedding
-has not seen. (nerfbaselines also scores the middle column of an odd W, which the embedding has seen.)
+half (NeRF-W): the embedding comes from the left half of a test photo, W - W // 2 columns; the figures come from the
+right half, which the embedding has not seen. (nerfbaselines also scores the middle column of an odd W, which the
+embedding has seen.)
 full (Ha-NeRF, CR-NeRF, GS-W): embedding and figures come from the whole photo.
 
 Pictures are quantised to 8 bits before they are compared, and masks never enter a metric.
@@ -29,7 +30,8 @@ Distance = Callable[[Tensor, Tensor], float | None]  # LPIPS
 
 @dataclass(frozen=True)
 class HeldOutView:
-    """A test photo. picture: [0, 1], at the size of `camera`. valid: where the photo shows something; None: everywhere."""
+    """A test photo. picture: [0, 1], at the size of `camera`.
+    valid: where the photo shows something; None: everywhere."""
 
     name: str
     picture: Float[Tensor, "h w 3"]
@@ -42,8 +44,8 @@ class HeldOutView:
 class Fit:
     """The part of a view that gives the look, and the part that is scored.
 
-    photo: quantised, whole. region: the columns of it that give the look, as `camera` sees them. valid: as in HeldOutView, of the region.
-    scored: the columns that are scored. start: the encoder's embedding of the region.
+    photo: quantised, whole. region: the columns of it that give the look, as `camera` sees them. valid: as in
+    HeldOutView, of the region. scored: the columns that are scored. start: the encoder's embedding of the region.
     """
 
     photo: Float[Tensor, "h w 3"]
@@ -61,7 +63,8 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
     region = photo[:, fitted]
     camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
     valid = None if view.valid is None else view.valid[:, fitted]
-    if valid is not None and fitted != scored:  # transparent pixels are filled again, as their colours may come from the part that is scored
+    # Transparent pixels are filled again, as their colours may come from the part that is scored.
+    if valid is not None and fitted != scored:
         region = torch.from_numpy(fill(to_8_bit(region), valid.cpu().numpy())).to(region) / 255
     return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
 
@@ -104,7 +107,8 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class ViewPictures:
-    """Pictures to look at. look: the one that `render` shows, a key of WAYS; None for a run with only one. mask: [0, 1], of any size, or None."""
+    """Pictures to look at. look: the one that `render` shows, a key of WAYS; None for a run with only one.
+    mask: [0, 1], of any size, or None."""
 
     name: str
     photo: UInt8[ndarray, "h w 3"]
@@ -140,18 +144,23 @@ def measure(
     scores = {}
     for name, (truth, valid, columns) in against.items():
         part = None if valid is None else valid[:, columns]
-        scores[name] = {look: compare(image[:, columns], truth[:, columns], part, lpips) for look, image in images.items()}
+        scores[name] = {
+            look: compare(image[:, columns], truth[:, columns], part, lpips) for look, image in images.items()
+        }
     mask = subject.mask(photo.permute(2, 0, 1).contiguous())
     overlap = None if mask is None or view.truth.static is None else metrics.mask_iou(mask, view.truth.static)
     drawn_mask = None if mask is None else mask.cpu().numpy()
-    pictures = ViewPictures(view.name, to_8_bit(photo), to_8_bit(images[shown]), shown if subject.has_looks else None, drawn_mask)
+    pictures = ViewPictures(
+        view.name, to_8_bit(photo), to_8_bit(images[shown]), shown if subject.has_looks else None, drawn_mask
+    )
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 
 def regions(view: HeldOutView, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
-    Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to be halved or has no valid pixel in one of them.
+    Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to
+    be halved or has no valid pixel in one of them.
     """
     if protocol not in PROTOCOLS:
         raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
@@ -173,7 +182,8 @@ def compare(
     valid: Bool[Tensor, "h w"] | None = None,
     lpips: Distance | None = None,
 ) -> Scores:
-    """All metrics of two quantised pictures. LPIPS needs whole pictures, so invalid pixels are taken from the photo in both."""
+    """All metrics of two quantised pictures. LPIPS needs whole pictures,
+    so invalid pixels are taken from the photo in both."""
     shown = image if valid is None else torch.where(valid[..., None], image, photo)
     distance = None if lpips is None else lpips(shown, photo)
     return Scores(metrics.psnr(image, photo, valid), metrics.ssim(image, photo, valid), distance)

@@ -1,4 +1,5 @@
-"""An evaluation as files: results.json with the means, per_view.json with each photo; results_full.json and so on for protocol `full`."""
+"""An evaluation as files: results.json with the means, per_view.json with each photo;
+results_full.json and so on for protocol `full`."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +17,8 @@ from core.evaluation.protocols import ViewResult
 from core.system.atomic import write_json
 
 REFINEMENT_KIND = (
-    f"Adam, L1 of means over cells: {STEPS} steps of the tone and the weights that the embedding gives, or of the embedding where it gives none; "
+    f"Adam, L1 of means over cells: {STEPS} steps of the tone and the weights that the embedding gives, "
+    "or of the embedding where it gives none; "
     f"where the SH transfer has hidden layers, {LATER_STEPS} more of weights and these"
 )
 
@@ -25,10 +27,11 @@ REFINEMENT_KIND = (
 class Results:
     """The figures of a run, with everything that decides whether they may be compared with others.
 
-    run: its identity, as in config.json. gaussians: of the run, with those of the sky. scale: width of the pictures measured / width of
-    the photos on disk. lpips_backbone: lpips.BACKBONE, or None without weights. training_seconds, evaluation_seconds: wall clock.
-    white_background: photos and renders are compared over white, so that transparent pixels are scored; otherwise they are not. has_looks: whether
-    the run has more looks than one.
+    run: its identity, as in config.json. gaussians: of the run, with those of the sky.
+    scale: width of the pictures measured / width of
+    the photos on disk. lpips_backbone: lpips.BACKBONE, or None without weights. training_seconds, evaluation_seconds:
+    wall clock. white_background: photos and renders are compared over white, so that transparent pixels are scored;
+    otherwise they are not. has_looks: whether the run has more looks than one.
     """
 
     protocol: str
@@ -58,7 +61,9 @@ class Results:
                     for metric, value in asdict(scores).items():
                         found.setdefault(against, {}).setdefault(look, {}).setdefault(metric, []).append(value)
         return {
-            against: {look: {metric: _mean(values) for metric, values in metrics.items()} for look, metrics in by_look.items()}
+            against: {
+                look: {metric: _mean(values) for metric, values in metrics.items()} for look, metrics in by_look.items()
+            }
             for against, by_look in found.items()
         }
 

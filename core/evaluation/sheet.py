@@ -1,4 +1,5 @@
-"""The pictures of an evaluation: a sheet with a row for each photo (photo | render | mask, if any | error), and all of them one by one."""
+"""The pictures of an evaluation: a sheet with a row for each photo (photo | render | mask, if any | error),
+and all of them one by one."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +16,8 @@ from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, tile_size, write_png
 from core.system.atomic import filling, write_json
 
-# Folders of renders and photos, a file on how they were made, and the names of the protocols, all as nerfbaselines reads them.
+# Folders of renders and photos, a file on how they were made, and the names of the protocols, all as nerfbaselines
+# reads them.
 PARTS, INFO = ("color", "gt-color"), "info.json"
 NERFBASELINES = {"half": "nerfw", "full": "default"}
 FULL_ERROR = 0.5  # mean |difference| over the channels that is drawn in the brightest colour
@@ -29,7 +31,8 @@ def error_picture(photo: UInt8[np.ndarray, "h w 3"], render: UInt8[np.ndarray, "
 
 
 def titles(protocol: str, step: int, looks: str, masked: bool) -> tuple[str, ...]:
-    """The titles of the columns. step: of the run, when it was measured. looks: those shown, in words; empty for a run with only one."""
+    """The titles of the columns. step: of the run, when it was measured.
+    looks: those shown, in words; empty for a run with only one."""
     render, error = (f"render ({looks})", f"error ({looks}; ") if looks else ("render", "error (")
     mask = ("mask (white: static)",) if masked else ()
     return f"photo (protocol {protocol}, step {step})", render, *mask, f"{error}brightest: {FULL_ERROR})"
@@ -37,7 +40,8 @@ def titles(protocol: str, step: int, looks: str, masked: bool) -> tuple[str, ...
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB. masked: whether one of them is a mask."""
+    """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB.
+    masked: whether one of them is a mask."""
 
     line: str
     look: str | None
@@ -53,17 +57,23 @@ def row_of(view: ViewPictures, note: str) -> Row:
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """A line of titles, then all rows, each above its line of text; RGB. The rows of one run all have masks, or none has."""
-    columns = titles(protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look)), rows[0].masked)
+    """A line of titles, then all rows, each above its line of text; RGB.
+    The rows of one run all have masks, or none has."""
+    columns = titles(
+        protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look)), rows[0].masked
+    )
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 
 @contextmanager
 def pictures_kept(folder: Path, protocol: str) -> Iterator[Path]:
-    """A temporary folder for `write_view`; its pictures replace those in `folder` when the block ends without an error."""
+    """A temporary folder for `write_view`; its pictures replace those in
+    `folder` when the block ends without an error."""
     with filling(folder, (*PARTS, INFO), force=True) as work:
         yield work
-        write_json(work / INFO, {"evaluation_protocol": NERFBASELINES[protocol], "dataset_metadata": {"color_space": "srgb"}})
+        write_json(
+            work / INFO, {"evaluation_protocol": NERFBASELINES[protocol], "dataset_metadata": {"color_space": "srgb"}}
+        )
 
 
 def write_view(folder: Path, png: Path, view: ViewPictures) -> None:

@@ -19,7 +19,8 @@ cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors with
 SHEET_COLUMNS = 5  # at most
 TILE_PX = 320  # widest picture of a sheet; wider ones are shrunk
 VIDEO_SECONDS, MOST_FPS = 3.0, 30.0  # the length with few frames, and the rate with many, which then take longer
-VIDEO_CODECS = "vp09", "mp4v"  # VP9, which browsers and editors play; if OpenCV lacks it, MPEG-4 part 2, which they do not
+# VP9, which browsers and editors play; if OpenCV lacks it, MPEG-4 part 2, which they do not.
+VIDEO_CODECS = "vp09", "mp4v"
 
 
 def levels(image: Float[Tensor, "h w 3"]) -> Float[Tensor, "h w 3"]:
@@ -39,7 +40,8 @@ def write_png(path: Path, pixels: UInt8[np.ndarray, "h w *rgb"]) -> None:
 
 
 class KeptPictures(Sequence):
-    """The pictures of PNG files, RGB, each read when it is needed: the frames of a long fade would not fit into memory together."""
+    """The pictures of PNG files, RGB, each read when it is needed:
+    the frames of a long fade would not fit into memory together."""
 
     def __init__(self, paths: Sequence[Path]):
         self.paths = paths
@@ -65,7 +67,8 @@ def tile(picture: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "tile_h tile_
 
 
 def contact_sheet(title: str, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
-    """A line of text, then all frames (of one size), shrunk, in reading order, in as few and as even rows as possible; unused tiles are white."""
+    """A line of text, then all frames (of one size), shrunk, in reading order, in as few and as even rows as possible;
+    unused tiles are white."""
     width, height = tile_size(frames[0])
     rows = math.ceil(len(frames) / SHEET_COLUMNS)
     columns = math.ceil(len(frames) / rows)
@@ -87,7 +90,9 @@ def write_video(path: Path, frames: Sequence[UInt8[np.ndarray, "h w 3"]]) -> Non
         if file != file.encode(errors="replace").decode():  # OpenCV would end the program
             raise WegsError(f"{path} could not be written: its path is not in UTF-8.", "Use the frames instead.")
         for codec in VIDEO_CODECS:
-            writer = cv2.VideoWriter(file, cv2.VideoWriter.fourcc(*codec), min(len(frames) / VIDEO_SECONDS, MOST_FPS), (width, height))
+            writer = cv2.VideoWriter(
+                file, cv2.VideoWriter.fourcc(*codec), min(len(frames) / VIDEO_SECONDS, MOST_FPS), (width, height)
+            )
             if writer.isOpened():
                 break
         else:

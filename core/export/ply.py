@@ -36,14 +36,17 @@ def _properties(rest: int) -> list[str]:
 
 
 PROPERTIES = _properties(_REST_OF_DEGREE[MAX_DEGREE])
-CENTRE, DC, REST, OPACITY, SCALE, QUATERNION = slice(0, 3), slice(6, 9), slice(9, 54), 54, slice(55, 58), slice(58, 62)  # where they are in a row
-# Converters from 8-bit formats write the logits and logarithms of 0 and 1 as +-Inf; they are read as +- this, which renders the same.
+# Where they are in a row.
+CENTRE, DC, REST, OPACITY, SCALE, QUATERNION = slice(0, 3), slice(6, 9), slice(9, 54), 54, slice(55, 58), slice(58, 62)
+# Converters from 8-bit formats write the logits and logarithms of 0 and 1 as +-Inf; they are read as +- this, which
+# renders the same.
 ENDLESS = 30.0
 BYTES_PER_GAUSSIAN = 4 * len(PROPERTIES)
 
 
 def _undrawable(table: Float32[np.ndarray, "n p"]) -> Bool[np.ndarray, " n"]:
-    """Which rows, of all PROPERTIES, no viewer can draw: with anything NaN or infinite, or a quaternion of length zero."""
+    """Which rows, of all PROPERTIES, no viewer can draw:
+    with anything NaN or infinite, or a quaternion of length zero."""
     quaternions = table[:, QUATERNION]
     norm2 = np.einsum("nk,nk->n", quaternions, quaternions, dtype=np.float64)
     # A float64 sum finds NaN and Inf in a third of the time of a table of flags; finite float32 cannot overflow it.
@@ -83,9 +86,11 @@ def write_ply(path: Path, splats_in_world: Splats, comment: str = "") -> int:
 
 
 def read_ply(path: Path) -> Splats:
-    """The Gaussians (world units, float32) of a 3DGS .ply, binary or ASCII, of SH degree 0 to 3: every row, also those that cannot be drawn.
+    """The Gaussians (world units, float32) of a 3DGS .ply, binary or ASCII, of SH degree 0 to 3:
+    every row, also those that cannot be drawn.
 
-    Opacities of 0 and 1 and scales of 0, which other programs write as logits and logarithms of +-Inf, are read as +-ENDLESS.
+    Opacities of 0 and 1 and scales of 0, which other programs write as logits
+    and logarithms of +-Inf, are read as +-ENDLESS.
 
     Raises BadInput naming what is wrong: no such file, not a .ply, cut short, a column missing, a number of f_rest
     columns that fits no degree.
@@ -97,7 +102,9 @@ def read_ply(path: Path) -> Splats:
     rest = sum(name.startswith("f_rest_") for name in names)
     degree = next((degree for degree, columns in _REST_OF_DEGREE.items() if columns == rest), None)
     if degree is None:
-        raise BadInput(f"{path} has {counted(rest, 'f_rest column')}.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them.")
+        raise BadInput(
+            f"{path} has {counted(rest, 'f_rest column')}.", "Export it with SH degree 0 to 3: 0, 9, 24 or 45 of them."
+        )
     if "packed_position" in names:
         raise BadInput(f"{path} is a compressed .ply, as SuperSplat writes it.", "Export it uncompressed.")
     if "scale_1" in names and "scale_2" not in names:

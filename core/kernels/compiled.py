@@ -1,13 +1,14 @@
 """How Numba compiles our kernels, which Python calls, and their parts, which only kernels and other parts call.
 
-On its own Numba makes every function ready to be called from Python, from C and from compiled code. These wrappers are a quarter
-of the time that a new user waits for the kernels, so kernels get none for C and parts none at all: calling a part from Python crashes.
+On its own Numba makes every function ready to be called from Python, from C and from compiled code. These wrappers are
+a quarter of the time that a new user waits for the kernels, so kernels get none for C and parts none at all: calling a
+part from Python crashes.
 
-Parts become a piece of each kernel that calls them. A part with code of its own would be called by a kernel that was just
-compiled, but not by one from the cache, which brings its own copy; and two copies need not round alike.
+Parts become a piece of each kernel that calls them. A part with code of its own would be called by a kernel that was
+just compiled, but not by one from the cache, which brings its own copy; and two copies need not round alike.
 
-`exact_` ones round after every operation, as written. In the others a product and a sum may become one instruction, which
-rounds once; anything more would let LLVM assume that no NaN comes by.
+`exact_` ones round after every operation, as written. In the others a product and a sum may become one instruction,
+which rounds once; anything more would let LLVM assume that no NaN comes by.
 """
 
 import gc
@@ -96,5 +97,6 @@ class _Told(event.Listener):
 
 
 def compiling_told(report: Report) -> AbstractContextManager:
-    """A block that tells `report` if kernels are compiled in it, not loaded from the cache: nothing else is heard until they are."""
+    """A block that tells `report` if kernels are compiled in it, not loaded from the cache:
+    nothing else is heard until they are."""
     return event.install_listener("numba:compile", _Told(report))

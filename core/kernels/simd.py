@@ -235,9 +235,11 @@ def times_power_of_two(typing_context, numbers, shifted):
     return float8(float8, float8), generate
 
 
-# Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa: that rounds to the nearest integer.
+# Added to a float32 number below 2^22 in size it pushes the fraction out of the mantissa: that rounds to the nearest
+# integer.
 ROUNDING = np.float32(1.5 * 2**23)
-# 2^f on [-1/2, 1/2] with the least relative error (9e-8) of all quintics that are exact at 0; 1.1e-7 with coefficients in float32.
+# 2^f on [-1/2, 1/2] with the least relative error (9e-8) of all quintics that are exact at 0; 1.1e-7 with coefficients
+# in float32.
 EXP2 = tuple(np.float32(c) for c in (1.0, 0.693147, 0.24022242, 0.055507336, 0.009671513, 0.0013264728))
 
 
@@ -275,7 +277,9 @@ def lane_sums(typing_context, a, b, c, d, e, f, g, h):
         vectors = list(args)
         for first, second in ((even, odd), (even, odd), (lower, upper)):
             pairs = zip(vectors[::2], vectors[1::2])
-            vectors = [builder.fadd(shuffled(builder, *pair, first), shuffled(builder, *pair, second)) for pair in pairs]
+            vectors = [
+                builder.fadd(shuffled(builder, *pair, first), shuffled(builder, *pair, second)) for pair in pairs
+            ]
         return vectors[0]
 
     return float8(*[float8] * 8), generate

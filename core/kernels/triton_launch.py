@@ -2,14 +2,15 @@
 
 import triton
 
-# Explicit, as the default differs between versions of Triton. UNFUSED: a fused multiply-add where the source says tl.fma, and
-# nowhere else; core.rasterizer.cuda says why.
+# Explicit, as the default differs between versions of Triton. UNFUSED: a fused multiply-add where the source says
+# tl.fma, and nowhere else; core.rasterizer.cuda says why.
 UNFUSED = {"enable_fp_fusion": False}
 FUSED = {"enable_fp_fusion": True}
 
 
 def interpreted() -> bool:
-    """Whether Triton runs kernels by its interpreter, on CPU tensors; decided by TRITON_INTERPRET when Triton is imported."""
+    """Whether Triton runs kernels by its interpreter, on CPU tensors;
+    decided by TRITON_INTERPRET when Triton is imported."""
     return triton.knobs.runtime.interpret
 
 

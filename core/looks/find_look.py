@@ -1,4 +1,5 @@
-"""Finds the look that the user names: `neutral`, a saved look, a photo file, or a photo of the collection by its name."""
+"""Finds the look that the user names: `neutral`, a saved look, a photo file,
+or a photo of the collection by its name."""
 
 import difflib
 from contextlib import suppress
@@ -28,23 +29,30 @@ SMALLEST_PHOTO_PX = 16  # of the shorter side; in a smaller photo, light could n
 
 
 @torch.no_grad()
-def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
+def find_look(
+    trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
+) -> Look:
     """The look that `word` stands for.
 
-    mask: a picture, white where the photo is to be used; what it hides does not affect the look at all. refine: refine the look of a photo
-    whose camera is known or can be found; this takes seconds, with progress in `report`.
+    mask: a picture, white where the photo is to be used; what it hides does not affect the look at all. refine: refine
+    the look of a photo whose camera is known or can be found; this takes seconds, with progress in `report`.
 
-    Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be in the collection, or the original
-    of one that is; the name of a look saved in the run; the name of a photo of the collection, also without its suffix if that is unambiguous.
-    A training photo has the embedding that was learned for it; a held-out one, or one with `mask`, is encoded with its predicted mask, any other
-    photo with M := 1.
-    Raises BadInput, with the nearest name, if nothing fits; and for a mask that is no file, or given for a look that is not read from a photo.
+    Tried in this order: `neutral`; the path of a saved look's .json; the path of a photo, which may be in the
+    collection, or the original of one that is; the name of a look saved in the run; the name of a photo of the
+    collection, also without its suffix if that is unambiguous. A training photo has the embedding that was learned for
+    it; a held-out one, or one with `mask`, is encoded with its predicted mask, any other photo with M := 1.
+    Raises BadInput, with the nearest name, if nothing fits;
+    and for a mask that is no file, or given for a look that is not read from a photo.
     """
     if mask is not None and not mask.is_file():  # a pipe would be waited for without end
-        raise BadInput(f"{mask} is not a file." if mask.exists() else f"There is no mask {mask}.", "Give a picture, white = use.")
+        raise BadInput(
+            f"{mask} is not a file." if mask.exists() else f"There is no mask {mask}.", "Give a picture, white = use."
+        )
     saved = _saved_as(trained, word)
     if mask is not None and (word == NEUTRAL or saved or not trained.settings.encodes_photos):
-        raise BadInput(f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out.")
+        raise BadInput(
+            f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out."
+        )
     if word == NEUTRAL:
         return neutral_look(trained)
     if saved:
@@ -54,8 +62,9 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
     photo = _of_collection(trained, word)
     if photo is not None:
         look = look_of_photo(trained, photo, mask, refine, report)
-        gone = photo.path not in [known.path for known in trained.collection.photos]
-        return replace(look, source=f"{look.source} (whose file is gone; this one has its name and size)") if gone else look
+        if photo.path not in [known.path for known in trained.collection.photos]:
+            look = replace(look, source=f"{look.source} (whose file is gone; this one has its name and size)")
+        return look
     if Path(word).is_file():
         look = _of_outside(trained, Path(word), mask)
         return refined_outside(trained, look, Path(word), mask, report) if refine else look
@@ -63,8 +72,8 @@ def find_look(trained: TrainedRun, word: str, mask: Path | None = None, refine: 
 
 
 def check_known(trained: TrainedRun, word: str) -> None:
-    """Raise BadInput, before any work, where `find_look` would: for a word that means nothing, a saved look that cannot be read, a photo that a GLO
-    table does not know, and a file from outside that is no photo."""
+    """Raise BadInput, before any work, where `find_look` would: for a word that means nothing, a saved look that cannot
+    be read, a photo that a GLO table does not know, and a file from outside that is no photo."""
     if word == NEUTRAL or _saved_as(trained, word):
         find_look(trained, word)  # these take no time
         return
@@ -78,22 +87,27 @@ def check_known(trained: TrainedRun, word: str) -> None:
 
 
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
-    """The file of the saved look that `word` means by path or name, or None. A .json that does not exist is reported when it is read."""
+    """The file of the saved look that `word` means by path or name, or None.
+    A .json that does not exist is reported when it is read."""
     path = Path(word)
     named = path if path.name != word else trained.folder / LOOKS / f"{word.removesuffix('.json')}.json"
     if path.suffix == ".json":
         return path if path.is_file() else named
-    return named if not path.is_file() and is_file(named) else None  # the name of a photo may be as long as a name can be
+    # The name of a photo may be as long as a name can be.
+    return named if not path.is_file() and is_file(named) else None
 
 
 def _of_collection(trained: TrainedRun, word: str) -> Photo | None:
-    """The photo of the collection that `word` means: by its file, by the original that the file was made of, by a file that was moved, or by name."""
+    """The photo of the collection that `word` means:
+    by its file, by the original that the file was made of, by a file that was moved, or by name."""
     path, collection = Path(word), trained.collection
     if not path.is_file():
         return collection.called(word)
     same = next((photo for photo in collection.photos if photo.path.is_file() and photo.path.samefile(path)), None)
     made_of = originals.name_in(collection.root, path)
-    return same or next((photo for photo in collection.photos if photo.name == made_of), None) or _moved(collection, path)
+    return (
+        same or next((photo for photo in collection.photos if photo.name == made_of), None) or _moved(collection, path)
+    )
 
 
 def _moved(collection: Collection, path: Path) -> Photo | None:
@@ -108,7 +122,8 @@ def _moved(collection: Collection, path: Path) -> Photo | None:
 
 
 def find_view(trained: TrainedRun, word: str | None) -> Photo:
-    """The photo of the collection that `word` stands for, as in `find_look`; for None the first held-out one, or the first of all.
+    """The photo of the collection that `word` stands for, as in `find_look`;
+    for None the first held-out one, or the first of all.
 
     Raises BadInput if there is none.
     """
@@ -116,16 +131,24 @@ def find_view(trained: TrainedRun, word: str | None) -> Photo:
         if photo := _of_collection(trained, word):
             return photo
         if lost := _left_out(trained, word):
-            raise BadInput(f"{lost.name} was left out when the cameras were found.", f"Choose another, such as {trained.collection.photos[0].name}.")
+            raise BadInput(
+                f"{lost.name} was left out when the cameras were found.",
+                f"Choose another, such as {trained.collection.photos[0].name}.",
+            )
     return trained.collection.photo(word)
 
 
 def _left_out(trained: TrainedRun, word: str) -> Path | None:
     """The file called `word`, with or without suffix, that structure from motion left out of the scene."""
-    return next((path for path in originals.left_out(trained.collection.root) if Path(word).name in (path.name, path.stem)), None)
+    return next(
+        (path for path in originals.left_out(trained.collection.root) if Path(word).name in (path.name, path.stem)),
+        None,
+    )
 
 
-def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET) -> Look:
+def look_of_photo(
+    trained: TrainedRun, photo: Photo, mask: Path | None = None, refine: bool = True, report: Report = QUIET
+) -> Look:
     """The look of a photo of the collection; the rest as in `find_look`."""
     kind = "training" if photo.split == "train" else "held-out"
     named = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
@@ -150,7 +173,8 @@ def look_of_photo(trained: TrainedRun, photo: Photo, mask: Path | None = None, r
 
 
 def _sized(trained: TrainedRun, photo: Photo, mask: Path | None, report: Report) -> SizedPhoto:
-    """The photo to read: with the user's mask if there is one, else with its own, or without that if it cannot be used."""
+    """The photo to read: with the user's mask if there is one, else with its own,
+    or without that if it cannot be used."""
     if mask is not None:
         return trained.sized_photo(_masked_by_user(trained, photo, mask))
     try:
@@ -202,7 +226,10 @@ def _unknown(trained: TrainedRun, word: str) -> BadInput:
         return BadInput(f"{word} is a folder, not a photo.", "Give one of its photos.")
     if lost := _left_out(trained, word):
         path = str(lost) if lost.is_file() else f"no longer {lost}"
-        return BadInput(f"{lost.name} was left out when the cameras were found.", f"Give its path, as of a photo from outside: {path}")
+        return BadInput(
+            f"{lost.name} was left out when the cameras were found.",
+            f"Give its path, as of a photo from outside: {path}",
+        )
     trained.collection.check_unambiguous(word)
     photos = [photo.name for photo in trained.collection.photos]
     names = {name.lower(): name for name in (*photos, *saved_look.names(trained.folder))}

@@ -17,7 +17,8 @@ Measured = TypeVar("Measured")
 
 
 def held_out_view(trained: TrainedRun, photo: Photo) -> HeldOutView:
-    """A held-out photo at training size, with its truth if that is known; BadInput if the photo is missing or damaged."""
+    """A held-out photo at training size, with its truth if that is known;
+    BadInput if the photo is missing or damaged."""
     sized = trained.sized_photo(photo)
     camera = sized.camera
     pixels, valid = as_tensors(sized.pixels, sized.valid, trained.device)
@@ -33,9 +34,9 @@ def over_views(
     report: Report,
     left_out: str = "not measured",
 ) -> Iterator[tuple[Photo, Measured]]:
-    """(photo, measure(view)) for each photo, one at a time, because pictures are large. Photos that raise BadInput are skipped and named in a
-    warning at the end; if all do, the last BadInput is raised. what: the work, for the progress bar. left_out: what to say of skipped photos,
-    after "3 photos"."""
+    """(photo, measure(view)) for each photo, one at a time, because pictures are large. Photos that raise BadInput are
+    skipped and named in a warning at the end; if all do, the last BadInput is raised. what: the work, for the progress
+    bar. left_out: what to say of skipped photos, after "3 photos"."""
     unusable = []
     for number, photo in enumerate(photos, 1):
         try:

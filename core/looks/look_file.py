@@ -10,7 +10,9 @@ from core.report import Report
 from core.words import counted
 
 
-def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, pruner: Pruner | None, with_sky: bool = True) -> int:
+def write_look(
+    trained: TrainedRun, look: Look, path: Path, report: Report, pruner: Pruner | None, with_sky: bool = True
+) -> int:
     """Bake and write one look; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
     baked = bake(trained, look)
     pruned = Pruned(baked) if pruner is None else pruner(baked)
@@ -19,7 +21,10 @@ def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, prun
     maker = maker_of(trained.identity, trained.sky if with_sky else 0, look.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_lines()]))
     if dropped:
-        report.warn(f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion) left out.")
+        report.warn(
+            f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, "
+            "Inf or a zero quaternion) left out."
+        )
     written = len(splats) - dropped
     gone = []
     if pruned.gaussians:
@@ -28,10 +33,8 @@ def write_look(trained: TrainedRun, look: Look, path: Path, report: Report, prun
         # A row of a vanilla .ply is 248 bytes whatever the degree: some viewers count on it.
         gone.append(f"the SH bands above degree {splats.degree} (zeros in a .ply)")
     if gone:
-        bound = (
-            f"in no training view does a pixel change by more than {max(pruned.largest, 0.01):.2f} of 255"
-            if pruned.largest
-            else "no training view changes"
-        )
+        bound = "no training view changes"
+        if pruned.largest:
+            bound = f"in no training view does a pixel change by more than {max(pruned.largest, 0.01):.2f} of 255"
         report.say(f"Left out {' and '.join(gone)}: {bound}; `wegs bake --prune off` keeps all")
     return written

@@ -23,10 +23,11 @@ TINTS = "redder", "greener", "bluer"
 def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> Colouring:
     """The look of a photo ([0, 1], any size): its embedding and, if that lies outside the known range, a tone.
 
-    The whole tone would turn the mean of the training views, in the neutral look, into the photo. Of its shares (powers of its gains), the look
-    gets the smallest that brings the embedding into the range once it is removed from the photo. If none does, it gets the share that brings the
-    embedding nearest, which is then moved into the range. If transparent pixels are empty space, the embedding is moved without a tone: what such
-    a photo shows around the object is not the run's sky.
+    The whole tone would turn the mean of the training views, in the neutral look, into the photo. Of its shares (powers
+    of its gains), the look gets the smallest that brings the embedding into the range once it is removed from the
+    photo. If none does, it gets the share that brings the embedding nearest, which is then moved into the range. If
+    transparent pixels are empty space, the embedding is moved without a tone: what such a photo shows around the object
+    is not the run's sky.
     """
     model, known_range, picture = trained.model, trained.known_range, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
@@ -44,7 +45,8 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> C
 
 
 def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
-    """How the light in a photo with this tone (gains > 0) differs from that in the training photos, as in "darker, bluer"; empty if hardly."""
+    """How the light in a photo with this tone (gains > 0) differs from that in the training photos, as in "darker,
+    bluer"; empty if hardly."""
     channels = tone.log().mean(dim=0)
     brightness = channels.mean()
     words = []
@@ -56,9 +58,12 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
 
 
 def _layers(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
-    """What the place and the sky each contribute to the mean colour of each band of the training views, in the neutral look."""
+    """What the place and the sky each contribute to the mean colour of each band
+    of the training views, in the neutral look."""
     neutral = bake(trained, neutral_look(trained))
-    alone = [toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))]
+    alone = [
+        toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))
+    ]
     layers = []
     for photo in spread_over(trained.collection.split("train"), VIEWS):
         camera = trained.camera(photo)

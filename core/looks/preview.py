@@ -19,7 +19,9 @@ def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
 
     The scene is shown in the photo's look as the encoder reads it, and in the neutral one.
     """
-    columns = ("photo", "in its look, not refined", "in the neutral look") if trained.has_looks else ("photo", "the scene")
+    columns = (
+        ("photo", "in its look, not refined", "in the neutral look") if trained.has_looks else ("photo", "the scene")
+    )
     neutral, rows = bake(trained, neutral_look(trained)), []
     for sized in spread_over(photos, PHOTOS):
         own = [bake(trained, look_of_photo(trained, sized.photo, refine=False))] if trained.has_looks else []

@@ -19,7 +19,8 @@ HALF_STEP = 0.5 / 255  # a change by at most this much hardly shows in an 8-bit 
 
 @dataclass(frozen=True)
 class Pruned:
-    """A pruned look. gaussians, bands: how many were left out. largest: change of any pixel in any view, in 8-bit steps."""
+    """A pruned look. gaussians, bands: how many were left out.
+    largest: change of any pixel in any view, in 8-bit steps."""
 
     splats: Splats
     gaussians: int = 0
@@ -30,13 +31,16 @@ class Pruned:
 class Pruner:
     """Prunes the looks of one scene, which share its geometry.
 
-    Which Gaussians are left out depends on the geometry alone, so that all looks keep the same ones in the same order: viewers can fade between
-    them, and a fade begins and ends with the two bakes bit for bit. Which bands are left out depends on the look.
+    Which Gaussians are left out depends on the geometry alone, so that all looks keep the same ones in the same order:
+    viewers can fade between them, and a fade begins and ends with the two bakes bit for bit. Which bands are left out
+    depends on the look.
 
-    sky: how many of the last Gaussians are the dome. All of it is kept: in a viewer, people may look where no photo does, and would see holes.
-    background: what looks are shown and compared over.
-    kept: (N,) Gaussians that stay in every look; only a look so bright that they would break the bound keeps all of `drawn`.
-    drawn: (N,) Gaussians that reach any pixel of any view, the dome, and those that are not finite, which the file's writer counts.
+    sky: how many of the last Gaussians are the dome. All of it is kept: in a viewer, people may look where no photo
+    does, and would see holes. background: what looks are shown and compared over.
+    kept: (N,) Gaussians that stay in every look; only a look so bright that
+    they would break the bound keeps all of `drawn`.
+    drawn: (N,) Gaussians that reach any pixel of any view, the dome, and those that are not finite,
+    which the file's writer counts.
     """
 
     def __init__(
@@ -51,15 +55,18 @@ class Pruner:
         self.cameras, self.rasterizer, self.background = cameras, rasterizer, background
         always_kept = ~splats.finite_rows()
         always_kept[len(splats) - sky :] = True
-        strongest = largest_contributions(splats, cameras, rasterizer, told, torch.where(always_kept, torch.inf, 0.0), enough=HALF_STEP)
+        strongest = largest_contributions(
+            splats, cameras, rasterizer, told, torch.where(always_kept, torch.inf, 0.0), enough=HALF_STEP
+        )
         self.drawn = strongest > 0
         self.kept = self._kept(splats, strongest)
 
     def _kept(self, splats: Splats, strongest: Tensor) -> Bool[Tensor, " n"]:
         """All Gaussians but the faintest, of which as many go as together weigh at most HALF_STEP in every pixel.
 
-        Leaving out a Gaussian of weight w = alpha T changes a pixel by w |c - B|, with c its colour and B what is behind it. Taken from
-        back to front, those in front keep their weights, so a set changes a pixel by at most the sum of its w times the brightest
+        Leaving out a Gaussian of weight w = alpha T changes a pixel by w |c - B|, with c its colour and B what is
+        behind it. Taken from back to front, those in front keep their weights, so a set changes a pixel by at most the
+        sum of its w times the brightest
         colour. That sum is rendered: it is the picture in which the set is white and all others are black.
         """
         order = torch.argsort(strongest, stable=True)
@@ -80,8 +87,8 @@ class Pruner:
     def __call__(self, baked: Splats) -> Pruned:
         """The pruned look, in which no pixel of any view changes by more than HALF_STEP.
 
-        This is checked by rendering: the lowest SH degree that keeps the bound in every view is taken. If none does, because the look is very
-        bright, only Gaussians that no view draws are left out, which changes nothing.
+        This is checked by rendering: the lowest SH degree that keeps the bound in every view is taken. If none does,
+        because the look is very bright, only Gaussians that no view draws are left out, which changes nothing.
         """
         if not self.drawn.any():
             return Pruned(baked)

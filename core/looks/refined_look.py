@@ -32,9 +32,11 @@ def refined_of_collection(trained: TrainedRun, look: Look, sized: SizedPhoto, re
 
 
 def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report: Report) -> Look:
-    """The look of a photo file from outside the collection, refined; unchanged if the photo cannot be located, with the reason in `source`.
+    """The look of a photo file from outside the collection, refined;
+    unchanged if the photo cannot be located, with the reason in `source`.
 
-    The photo is compared at its own size or, if that is smaller, the mean size of the run's photos in training. mask: white where it is to be used.
+    The photo is compared at its own size or, if that is smaller, the mean size of the run's photos in training.
+    mask: white where it is to be used.
     """
     if not trained.has_looks:
         return look
@@ -43,7 +45,9 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     except BadInput as problem:
         return not_refined(look, problem.what)
     if found is None:
-        return not_refined(look, "its camera could not be located (too few features match the training photos, or agree on a camera)")
+        return not_refined(
+            look, "its camera could not be located (too few features match the training photos, or agree on a camera)"
+        )
     sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
     photo = Photo.from_outside(path, found.camera, mask)
     camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
@@ -64,10 +68,12 @@ def not_refined(look: Look, why: str) -> Look:
 
 
 def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
-    """The landmarks by which photos from outside are located, in the run's scene frame: found once, then kept in the run folder.
+    """The landmarks by which photos from outside are located, in the run's scene frame:
+    found once, then kept in the run folder.
 
-    They are not kept as long as some of the training photos that they should come from cannot be read. Raises BadInput if none are kept and
-    the scene cannot be read, has other cameras by now, or does not say which photo shows which point.
+    They are not kept as long as some of the training photos that they should come from cannot be read. Raises BadInput
+    if none are kept and the scene cannot be read, has other cameras by now, or does not say which photo shows which
+    point.
     """
     path = trained.folder / landmarks.FILE
     if (kept := Landmarks.load(path, trained.identity)) is not None:
@@ -76,11 +82,17 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
         raise scene_gone(trained.folder, trained.collection, "its camera could not be located")
     collection = load_collection(trained.collection.read_from, trained.settings.all_photos)
     if not collection.in_world_of(trained.collection):
-        raise BadInput(f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again.")
+        raise BadInput(
+            f"The cameras of {collection.root} are not those that {trained.folder} was trained with.", "Train it again."
+        )
     names = set(trained.model.photo_names)
-    collection = replace(collection, photos=tuple(replace(photo, split="train") for photo in collection.photos if photo.name in names))
+    collection = replace(
+        collection, photos=tuple(replace(photo, split="train") for photo in collection.photos if photo.name in names)
+    )
     if not (known := known_photos(collection)):
-        raise BadInput(f"{collection.root} does not tell which photo shows which point.", "Use the COLMAP model with its points.")
+        raise BadInput(
+            f"{collection.root} does not tell which photo shows which point.", "Use the COLMAP model with its points."
+        )
     report.say("Extracting features of the training photos (first time only), to locate the new photo")
     found = landmarks_of(collection, report).in_frame(collection.frame, trained.collection.frame)
     if lost := len(names) - len(collection.photos) or len(known) - len(found.counts):

@@ -32,12 +32,16 @@ class RunView:
         rows = self.visible.rows
         self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
         self.smooth_sky = trained.smooth_sky if len(self.discs) else None
-        self.sources = trained.base(rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid]))
+        self.sources = trained.base(
+            rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid])
+        )
         self.in_view = trained.splats[rows]
 
     def render(self, look: Colouring) -> Float[Tensor, "h w 3"]:
         """The view in this look; differentiable by whatever of the look it depends on."""
-        return self.trained.rasterizer.render(self.in_look(look), self.camera, self.trained.background, known=self.visible.known)
+        return self.trained.rasterizer.render(
+            self.in_look(look), self.camera, self.trained.background, known=self.visible.known
+        )
 
     def in_look(self, look: Colouring) -> Splats:
         """The Gaussians in view, in this look; differentiable as `render`."""
@@ -93,7 +97,8 @@ class RunInCells:
 
     @property
     def unseen(self) -> Int[Tensor, " u"]:
-        """Rows of the Gaussians of which less than UNSEEN_PX is in view: they are outside the view, behind something, or where no pixel counts."""
+        """Rows of the Gaussians of which less than UNSEEN_PX is in view:
+        they are outside the view, behind something, or where no pixel counts."""
         unseen = self.view.trained.splats.finite_rows()
         unseen[self.view.visible.rows[self.shares.of_gaussians() >= UNSEEN_PX]] = False
         return unseen.nonzero()[:, 0]

@@ -1,4 +1,5 @@
-"""Looks saved by name in JSON files: embedding, tone and the changes of a refinement. Only the run that saved one can read it, at that step."""
+"""Looks saved by name in JSON files: embedding, tone and the changes of a refinement.
+Only the run that saved one can read it, at that step."""
 
 import json
 import re
@@ -21,12 +22,16 @@ LARGEST = 1e6  # far beyond any number of a look; much larger ones would overflo
 
 
 def path_of(folder: Path, name: str) -> Path:
-    """Where a run saves the look `name`; BadSetting unless that is a plain file name other than `neutral`, with or without `.json`."""
+    """Where a run saves the look `name`; BadSetting unless that is a plain file name other than `neutral`,
+    with or without `.json`."""
     name = name.removesuffix(".json")
     if name == NEUTRAL:
         raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
     if not re.fullmatch(r"\w[\w. -]*", name):
-        raise BadSetting(f"{name!r} cannot be the name of a look.", "Begin it with a letter, a digit or '_'; '.', '-' and spaces may follow.")
+        raise BadSetting(
+            f"{name!r} cannot be the name of a look.",
+            "Begin it with a letter, a digit or '_'; '.', '-' and spaces may follow.",
+        )
     return folder / LOOKS / f"{name}.json"
 
 
@@ -68,8 +73,8 @@ def save(folder: Path, look: Look, identity: str, step: int) -> Path:
 def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
     """Read a look of the run `identity` after `step` steps.
 
-    like: the embedding and all changes that a look of the run may hold; only their shapes matter. Raises BadInput if the file is anything else,
-    or holds other shapes, numbers beyond LARGEST, or gains below zero.
+    like: the embedding and all changes that a look of the run may hold; only their shapes matter. Raises BadInput if
+    the file is anything else, or holds other shapes, numbers beyond LARGEST, or gains below zero.
     """
     if not path.is_file():
         raise BadInput(f"There is no saved look {path}.", "Make one with --save-appearance NAME.")
@@ -82,13 +87,19 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
     except PermissionError:  # says nothing about the look
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as problem:
-        raise BadInput(f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME.") from None
+        raise BadInput(
+            f"{path} is not a saved look: {type(problem).__name__}: {problem}.", "Make one with --save-appearance NAME."
+        ) from None
     if owner != identity:
-        raise BadInput(f"{path} was saved by run {owner}, not by {identity}.", "Name its run with --run, or save it again.")
+        raise BadInput(
+            f"{path} was saved by run {owner}, not by {identity}.", "Name its run with --run, or save it again."
+        )
     if saved_at != step:
         raise BadInput(f"{path} was saved at step {saved_at}; the run is at step {step} now.", "Save the look again.")
     if not _fits(found, like.embedding):
-        raise BadInput(f"{path} does not hold {counted(len(like.embedding), 'number')} of an embedding.", "Save the look again.")
+        raise BadInput(
+            f"{path} does not hold {counted(len(like.embedding), 'number')} of an embedding.", "Save the look again."
+        )
     if tone is not None and not (_fits(tone, EVEN) and (tone >= 0).all()):
         raise BadInput(f"{path} has a tone that is not two rows of three gains.", "Save the look again.")
     if not all(name in like.changes and _fits(change, like.changes[name]) for name, change in changes.items()):

@@ -1,7 +1,8 @@
 """The sky of a look, also where no training photo looked.
 
-A disc of the dome learns its colour from the photos that show it. All others keep their initial grey, to which the SH transfer adds something
-arbitrary: somebody who turns round in a viewer would see brown clouds. Therefore every disc takes its colour from those that photos show.
+A disc of the dome learns its colour from the photos that show it. All others keep their initial grey, to which the SH
+transfer adds something arbitrary: somebody who turns round in a viewer would see brown clouds. Therefore every disc
+takes its colour from those that photos show.
 """
 
 from collections.abc import Sequence
@@ -18,20 +19,25 @@ from core.scene.harmonics import SH_0, basis, evaluated
 from core.scene.splats import Splats
 from core.system.threads import one_torch_thread
 
-LENGTH_DEGREES = 80.0  # between two directions whose colours correlate by 1 / e; this and NOISE were chosen in core/TRIED.md, "The sky"
+# Between two directions whose colours correlate by 1 / e; this and NOISE were chosen in core/TRIED.md, "The sky".
+LENGTH_DEGREES = 80.0
 NOISE = 1.0  # variance of the colour of a disc that one photo shows unobstructed, over that of the sky
-VIEWS, SIDE_PX = 128, 100  # how many training cameras are used, and the longer side of their pictures: a disc is 5 degrees wide
-MOST = 2000  # discs from which others take their colour: all of the usual dome's; the cost grows with the cube of their number
+# How many training cameras are used, and the longer side of their pictures: a disc is 5 degrees wide.
+VIEWS, SIDE_PX = 128, 100
+# Discs from which others take their colour: all of the usual dome's; the cost grows with the cube of their number.
+MOST = 2000
 
 
 @dataclass(frozen=True)
 class SmoothSky:
-    """Ordinary kriging on the sphere (Cressie, Statistics for Spatial Data, 3.2): the best linear unbiased estimate of a sky whose mean is
-    unknown and whose covariance is exp(-angle / LENGTH_DEGREES), from discs with a noise of variance NOISE / k, k being the sum of a disc's
-    largest contributions to the training views: nearly the number of photos that show it.
+    """Ordinary kriging on the sphere (Cressie, Statistics for Spatial Data, 3.2): the best linear unbiased estimate of
+    a sky whose mean is unknown and whose covariance is exp(-angle / LENGTH_DEGREES), from discs with a noise of
+    variance NOISE / k, k being the sum of a disc's largest contributions to the training views: nearly the number of
+    photos that show it.
 
-    shown: rows of the dome that photos show, MOST of them at most. weights: of their colours in each disc's, a row adds up to 1. basis: of
-    the SH, towards those shown. The dome is so far away that every disc has one colour from wherever it is seen.
+    shown: rows of the dome that photos show, MOST of them at most. weights: of their colours in each disc's, a row adds
+    up to 1. basis: of the SH, towards those shown. The dome is so far away that every disc has one colour from wherever
+    it is seen.
     """
 
     shown: Int[Tensor, " o"]
@@ -52,10 +58,12 @@ class SmoothSky:
         if not len(shown):
             return None
         every = -(-len(shown) // MOST)
-        shown = shown[::every]  # discs lie in rings from pole to pole, so these are spread over all that is shown; each stands for `every`
+        # Discs lie in rings from pole to pole, so these are spread over all that is shown; each stands for `every`.
+        shown = shown[::every]
         with one_torch_thread():  # more would round differently
             directions = torch.nn.functional.normalize(splats.means[-sky:].double(), dim=1)
-            angles = (directions @ directions[shown].T).clamp_(-1, 1).arccos_().rad2deg_()  # in place: 320 MB for the largest dome
+            # In place: 320 MB for the largest dome.
+            angles = (directions @ directions[shown].T).clamp_(-1, 1).arccos_().rad2deg_()
             covariance = angles.div_(-LENGTH_DEGREES).exp_()
             inverse = torch.linalg.inv(covariance[shown] + torch.diag(NOISE / (every * photos[shown])))
             simple = covariance @ inverse

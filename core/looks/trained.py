@@ -36,10 +36,11 @@ NEUTRAL = "neutral"  # the name of the look that every run has; no other can hav
 class TrainedRun:
     """What `load_run` finds in a run folder.
 
-    splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one row a Gaussian, if the run has any.
+    splats: base Gaussians, scene frame; the last `sky` of them are the dome.
+    latents: one row a Gaussian, if the run has any.
     state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for
-    `model.photo_names[i]`, from the GLO table or from the encoder as it was at the end of training; None while the encoder's training is
-    unfinished, and without looks. A TrainedRun is a Subject of core.evaluation.
+    `model.photo_names[i]`, from the GLO table or from the encoder as it was at the end of training; None while the
+    encoder's training is unfinished, and without looks. A TrainedRun is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -134,7 +135,8 @@ class TrainedRun:
 
     @cached_property
     def rasterizer(self) -> Rasterizer:
-        """The backend that the run was trained with; for `auto`, or without the GPU it was trained on, the one for the device in use."""
+        """The backend that the run was trained with;
+        for `auto`, or without the GPU it was trained on, the one for the device in use."""
         moved = self.settings.device == "cuda" and self.device.type == "cpu"
         return core.rasterizer.create("auto" if moved else self.settings.backend, self.device.type)
 
@@ -161,7 +163,10 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     identity, settings, collection = run_config.read_config(folder)
     found = checkpoint.read_newest(folder, checkpoint.load)
     if found is None:
-        raise BadInput(f"{folder} has no checkpoint yet.", f"Wait for its first one; if it was stopped, type: {checkpoint.how_to_go_on(folder)}")
+        raise BadInput(
+            f"{folder} has no checkpoint yet.",
+            f"Wait for its first one; if it was stopped, type: {checkpoint.how_to_go_on(folder)}",
+        )
     path, saved = found
     place = device.of_run(settings.device) if on_gpu else device.CPU
     with checkpoint.fitting(path):
@@ -175,11 +180,24 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
     photo_embeddings = encoded.get("masked") if model.embedding_table is None else model.embedding_table
-    return TrainedRun(folder, identity, settings, collection, step, state, splats, gaussians.sky, gaussians.latents, model, photo_embeddings)
+    return TrainedRun(
+        folder,
+        identity,
+        settings,
+        collection,
+        step,
+        state,
+        splats,
+        gaussians.sky,
+        gaussians.latents,
+        model,
+        photo_embeddings,
+    )
 
 
 def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slice(None)) -> Splats:
-    """The Gaussians of the run in one look, scene frame, by one pass of the SH transfer. What follows knows nothing of appearance.
+    """The Gaussians of the run in one look, scene frame, by one pass of the SH transfer.
+    What follows knows nothing of appearance.
 
     rows: those that are wanted, all by default; ascending, the whole dome among them.
     """
@@ -202,7 +220,8 @@ def neutral_look(trained: TrainedRun) -> Look:
 
 
 def blend(first: Look, last: Look, share: float) -> Look:
-    """The look `share` of the way from `first` to `last`; at 0 and 1 exactly these two, so that their bakes are equal."""
+    """The look `share` of the way from `first` to `last`;
+    at 0 and 1 exactly these two, so that their bakes are equal."""
     if share in (0.0, 1.0):
         return last if share else first
     name = f"{share:.3f} of the way from {first.name} to {last.name}"

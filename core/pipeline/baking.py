@@ -33,9 +33,10 @@ def bake_to_file(
 ) -> Path:
     """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
 
-    prune: leave out what no training view would miss. mask: of the photo that `word` names, white where it is to be used. with_sky: write the dome,
-    too. refine: refine the look of a photo whose camera is known or can be found.
-    Raises BadInput for a run, look, mask or output that cannot be used, BadSetting for a name that a saved look cannot have; DiskFull.
+    prune: leave out what no training view would miss. mask: of the photo that `word` names, white where it is to be
+    used. with_sky: write the dome, too. refine: refine the look of a photo whose camera is known or can be found.
+    Raises BadInput for a run, look, mask or output that cannot be used,
+    BadSetting for a name that a saved look cannot have; DiskFull.
     """
     start = time.perf_counter()
     core.export.check_format(output)
@@ -55,8 +56,12 @@ def bake_to_file(
         check_same_run(trained.folder, trained.identity)
         kept = saved_look.save(trained.folder, replace(look, name=save_as), trained.identity, trained.step)
         report.say(f"Look kept as {kept}")
-    report.say(f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, {time.perf_counter() - start:.1f} s")
-    viewpoints = f", and {cameras} as well for the photos' viewpoints" if (cameras := trained.folder / "cameras.json").exists() else ""
+    report.say(
+        f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, "
+        f"{time.perf_counter() - start:.1f} s"
+    )
+    cameras = trained.folder / "cameras.json"
+    viewpoints = f", and {cameras} as well for the photos' viewpoints" if cameras.exists() else ""
     report.say(f"Next: drag {output} into {VIEWER}{viewpoints}")
     if with_sky and trained.sky:
         report.say("In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in")

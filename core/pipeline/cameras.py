@@ -10,7 +10,8 @@ from core.report import QUIET, Report
 
 
 def find_cameras(photos: Path, output: Path, report: Report = QUIET) -> Path:
-    """Run structure from motion on plain photos; `output` becomes a scene that `train` reads, with the split lists of the photos.
+    """Run structure from motion on plain photos; `output` becomes a scene that `train` reads,
+    with the split lists of the photos.
 
     Raises BadInput for a folder without plain photos, and as `core.data.sfm.reconstruct.reconstruct`.
     """

@@ -25,12 +25,20 @@ from core.training.on_disk.run_config import check_same_run
 from core.words import counted
 
 
-def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET, *, refine: bool = True, keep_pictures: bool = False) -> Results:
-    """Measure the held-out photos at training size; writes results.json, per_view.json and sheet.png of the protocol into the run.
+def evaluate(
+    folder: Path | None,
+    protocol: str = "half",
+    report: Report = QUIET,
+    *,
+    refine: bool = True,
+    keep_pictures: bool = False,
+) -> Results:
+    """Measure the held-out photos at training size;
+    writes results.json, per_view.json and sheet.png of the protocol into the run.
 
     keep_pictures: also every render and photo, as they were compared, into its pictures/.
-    Raises BadInput for a run that cannot be used or written in, and if no held-out photo can be measured; BadSetting for an unknown protocol;
-    DiskFull.
+    Raises BadInput for a run that cannot be used or written in, and if no held-out photo can be measured;
+    BadSetting for an unknown protocol; DiskFull.
     """
     trained = open_run(folder, report)
     run_folders.check_writable(trained.folder)
@@ -39,7 +47,10 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
             raise BadInput(f"{path} is a folder, where a file is to be written.", "Move it away.")
     photos = trained.collection.split("test")
     if not photos:
-        raise BadInput(f"{trained.folder} has no held-out photos.", "Train without --all-photos on a scene whose split has test photos.")
+        raise BadInput(
+            f"{trained.folder} has no held-out photos.",
+            "Train without --all-photos on a scene whose split has test photos.",
+        )
     report.say(_what_is_measured(trained, photos, protocol))
     if (distance := lpips.load()) is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
@@ -48,7 +59,9 @@ def evaluate(folder: Path | None, protocol: str = "half", report: Report = QUIET
     start = time.perf_counter()
     kept = trained.folder / PICTURES / protocol
     with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:
-        measured = over_views(trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report)
+        measured = over_views(
+            trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report
+        )
         views, rows, scale = _gathered(measured, png_paths(photo.name for photo in photos), work)
         check_same_run(trained.folder, trained.identity)
     results = Results(
@@ -94,12 +107,16 @@ def _what_is_measured(trained: TrainedRun, photos: tuple[Photo, ...], protocol: 
 def _gathered(
     measured: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]], paths: dict[str, Path], work: Path | None
 ) -> tuple[tuple[ViewResult, ...], list[Row], float]:
-    """The figures of each photo, its row of the sheet, and the mean scale of the photos (1: as on disk). work: where to write pictures, if at all."""
+    """The figures of each photo, its row of the sheet, and the mean scale of the photos (1: as on disk).
+    work: where to write pictures, if at all."""
     views, rows, scales = [], [], []
     for photo, (result, pictures) in measured:
         views.append(result)
         scales.append(result.width / photo.camera.width)
-        figures = (f"{WAYS[look]} {score.psnr:.2f} dB" if pictures.look else f"{score.psnr:.2f} dB" for look, score in result.scores["photo"].items())
+        figures = (
+            f"{WAYS[look]} {score.psnr:.2f} dB" if pictures.look else f"{score.psnr:.2f} dB"
+            for look, score in result.scores["photo"].items()
+        )
         rows.append(row_of(pictures, ", ".join(figures)))
         if work is not None:
             write_view(work, paths[photo.name], pictures)

@@ -34,17 +34,24 @@ def interpolate(
 ) -> Path:
     """Fade from one look to another in `steps` frames (2 or more); returns their folder.
 
-    The first and the last frame show the two looks themselves, bit for bit. views: one photo whose camera is used, or two between whose cameras it
-    moves, see `Camera.toward`; none: as `find_view`. ply: write each look as a .ply, too. refine: as in `bake_to_file`.
-    Raises BadSetting for fewer steps, more views and an output with the suffix of a file, BadInput for a run, look, view or output that cannot be
-    used; DiskFull.
+    The first and the last frame show the two looks themselves, bit for bit. views: one photo whose camera is used, or
+    two between whose cameras it moves, see `Camera.toward`; none: as `find_view`. ply: write each look as a .ply, too.
+    refine: as in `bake_to_file`. Raises BadSetting for fewer steps, more views and an output with the suffix of a file,
+    BadInput for a run, look, view or output that cannot be used; DiskFull.
     """
     if steps < 2:
-        raise BadSetting(f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more.")
+        raise BadSetting(
+            f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more."
+        )
     if len(views) > 2:
-        raise BadSetting(f"The camera cannot move along {len(views)} views.", "Give --view once, or twice for the way between two cameras.")
+        raise BadSetting(
+            f"The camera cannot move along {len(views)} views.",
+            "Give --view once, or twice for the way between two cameras.",
+        )
     if output is not None:
-        check_named_as_folder(output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them")
+        check_named_as_folder(
+            output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them"
+        )
     trained = open_run(folder, report)
     photos = [find_view(trained, view) for view in views or (None,)]
     seen_from = f"seen from {' to '.join(photo.name for photo in photos)}"
@@ -79,9 +86,16 @@ def interpolate(
 
 
 def _write_frames(
-    trained: TrainedRun, ends: tuple[Look, Look], steps: int, cameras: list[Camera], ply: bool, folder: Path, report: Report
+    trained: TrainedRun,
+    ends: tuple[Look, Look],
+    steps: int,
+    cameras: list[Camera],
+    ply: bool,
+    folder: Path,
+    report: Report,
 ) -> KeptPictures:
-    """Draw the looks from one end to the other, and write them as pictures and, with `ply`, as files; returns the pictures."""
+    """Draw the looks from one end to the other, and write them as pictures and, with `ply`,
+    as files; returns the pictures."""
     pruner = pruner_of(trained, report) if ply else None
     told, digits = _OnceEach(report), max(3, len(str(steps - 1)))
     frames = [folder / f"frame_{step:0{digits}d}.png" for step in range(steps)]
@@ -96,7 +110,8 @@ def _write_frames(
 
 
 class _OnceEach(Report):
-    """Passes on only the first line and the first warning about the files of a fade: the others would differ in nothing but numbers."""
+    """Passes on only the first line and the first warning about the files of a fade:
+    the others would differ in nothing but numbers."""
 
     def __init__(self, report: Report):
         self.report, self.has_said, self.has_warned = report, False, False

@@ -38,7 +38,8 @@ def train(
     force: bool = False,
     masks: Path | None = None,
 ) -> Path:
-    """Train on the photos in `scene`; returns the run folder, into which nothing is written before the scene has been read.
+    """Train on the photos in `scene`; returns the run folder,
+    into which nothing is written before the scene has been read.
 
     Cameras or points that the scene lacks are made first (core.data.prepare), and kept beside the run for the next one.
     masks: a folder of pictures, white where the photo of that name is to be used (core.data.given_masks).
@@ -46,7 +47,9 @@ def train(
     # Mistakes are refused before cameras are found, which may take minutes.
     check_resolution(settings.resolution)
     if masks is not None:
-        check_masks(masks, [path.name for path in list_photos(find_photos(scene))] if find_kind(scene) == "photos" else ())
+        check_masks(
+            masks, [path.name for path in list_photos(find_photos(scene))] if find_kind(scene) == "photos" else ()
+        )
     core.rasterizer.create(settings.backend, device.chosen(settings.device, settings.backend).type)
     if device.may_be_gpu(settings.device, settings.backend) and (fault := device.fault_of_gpu()):
         report.warn(f"The GPU is not used: {fault}.")
@@ -72,13 +75,17 @@ def _go_on(folder: Path, report: Report) -> Path:
     _, settings, before = run_config.read_config(folder)
     path = checkpoint.newest(folder)
     done = checkpoint.read_facts(path)["step"] if path else 0
-    if done >= settings.steps and (clouds := list(folder.glob(run_folders.CLOUDS))):  # else it was stopped just before its last file
+    # Else it was stopped just before its last file.
+    if done >= settings.steps and (clouds := list(folder.glob(run_folders.CLOUDS))):
         report.say(f"{folder} is finished: {counted(settings.steps, 'step')}, over which its schedules are spread.")
         report.say(f"For more steps, train a new run. To use this one: {next_step(folder, settings, clouds[0])}")
         return folder
     run_folders.check_writable(folder, "-o")
     if settings.device == "cuda" and not device.can_use_gpu():
-        raise BadInput(f"{folder} was begun on a GPU, and none can be used here.", "Go on with it on a machine that has one, or train a new run.")
+        raise BadInput(
+            f"{folder} was begun on a GPU, and none can be used here.",
+            "Go on with it on a machine that has one, or train a new run.",
+        )
     if not before.root.is_dir():
         raise run_config.scene_gone(folder, before, f"{folder} cannot go on")
     collection = with_same_masks(load_collection(before.read_from, settings.all_photos), before)
@@ -86,7 +93,8 @@ def _go_on(folder: Path, report: Report) -> Path:
     trainer = Trainer(collection, settings, folder, report)
     if path:
         _resume(trainer, path, before)
-    viewer_files.write(folder, collection, trainer.transparent_is_empty)  # they may be incomplete, if it was stopped early, or lost
+    # They may be incomplete, if it was stopped early, or lost.
+    viewer_files.write(folder, collection, trainer.transparent_is_empty)
     why = "" if path else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
     history.rewind(folder, done)
@@ -94,7 +102,8 @@ def _go_on(folder: Path, report: Report) -> Path:
 
 
 def _resume(trainer: Trainer, path: Path, before: Collection) -> None:
-    """Bring the trainer to the state in the checkpoint `path`. In a function of its own, so that the checkpoint does not stay in memory."""
+    """Bring the trainer to the state in the checkpoint `path`.
+    In a function of its own, so that the checkpoint does not stay in memory."""
     saved = checkpoint.load(path)
     with checkpoint.fitting(path):
         decoded = {sized.photo.name for sized in trainer.photos}  # without those damaged since
@@ -103,9 +112,13 @@ def _resume(trainer: Trainer, path: Path, before: Collection) -> None:
 
 
 def _check_same_photos(folder: Path, before: Collection, changed: list[str]) -> None:
-    """Raise BadInput if any photos have changed since the run in `folder` began. before: its collection, as it was then."""
+    """Raise BadInput if any photos have changed since the run in `folder` began.
+    before: its collection, as it was then."""
     if changed:
-        what = f"The photos in {before.root}, or their masks, are not those that {folder} began with; changed, split otherwise or gone: "
+        what = (
+            f"The photos in {before.root}, or their masks, are not those that {folder} began with; "
+            "changed, split otherwise or gone: "
+        )
         raise BadInput(f"{what}{list_names(changed)}.", "Put them back as they were, or train a new run.")
 
 
@@ -151,5 +164,8 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     rows.append(("to look at", str(preview)))
     report.table("Done", rows)
     if earlier := measured_earlier(folder, trained.identity, trained.step):
-        report.say(f"Of an earlier run or step: {', '.join(earlier)}. To measure again, type: {command('wegs', 'eval', '--run', folder)}")
+        report.say(
+            f"Of an earlier run or step: {', '.join(earlier)}. "
+            f"To measure again, type: {command('wegs', 'eval', '--run', folder)}"
+        )
     report.say(f"Next: {next_step(folder, trainer.settings, neutral)}")

@@ -22,7 +22,8 @@ ON_GPU = ("cuda",)  # take tensors on a GPU only; all others take them on a CPU
 
 
 def create(name: str, device: str = "cpu") -> Rasterizer:
-    """The backend `name`, a key of BACKENDS or `auto` (the one named like the device), for tensors on a "cpu" or "cuda" `device`.
+    """The backend `name`, a key of BACKENDS or `auto` (the one named like the device),
+    for tensors on a "cpu" or "cuda" `device`.
 
     Raises BadSetting for another name, another device, and for a backend that lacks what it needs on this machine.
     """

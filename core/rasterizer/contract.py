@@ -28,8 +28,8 @@ BLACK: Colour = (0.0, 0.0, 0.0)
 
 
 def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
-    """Least and largest x / z, least and largest y / z, to which slopes are clamped in the Jacobian: the picture's box widened by
-    JACOBIAN_MARGIN.
+    """Least and largest x / z, least and largest y / z, to which slopes are clamped in the Jacobian:
+    the picture's box widened by JACOBIAN_MARGIN.
     """
     margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
     return (
@@ -42,11 +42,12 @@ def jacobian_limits(camera: Camera) -> tuple[float, float, float, float]:
 
 @dataclass(frozen=True)
 class Visible:
-    """What a camera shows. rows: ascending indices of the Gaussians that are not culled (a tight superset of those drawn).
+    """What a camera shows. rows: ascending indices of the Gaussians that are not culled
+    (a tight superset of those drawn).
 
-    known: what the backend has computed about them, in a form of its own, for calls of `render` with exactly these Gaussians (in any look) and
-    this view. On a CPU their tile lists; on a GPU the view and an upper bound on the number of pairs of a Gaussian and a tile, for which the host
-    would otherwise have to wait. The reference keeps nothing.
+    known: what the backend has computed about them, in a form of its own, for calls of `render` with exactly these
+    Gaussians (in any look) and this view. On a CPU their tile lists; on a GPU the view and an upper bound on the number
+    of pairs of a Gaussian and a tile, for which the host would otherwise have to wait. The reference keeps nothing.
     """
 
     rows: Int[Tensor, " v"]
@@ -58,12 +59,12 @@ class Rasterizer(Protocol):
     """A backend. Stateless for the caller; pictures and gradients do not depend on the number of threads.
 
     Order: front to back by camera depth, ties by index. Culled (drawn as absent, zero gradient of the right shape): not
-    finite in any parameter or in its colour, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity < ALPHA_MIN, footprint
-    outside the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN around the
-    projected centre.
+    finite in any parameter or in its colour, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity <
+    ALPHA_MIN, footprint outside the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >=
+    ALPHA_MIN around the projected centre.
 
-    Backends of kernels raise BadInput for tensors of another dtype, device or shape than they take, and inputs.ListsTooLarge for a picture
-    whose tile lists do not fit into memory.
+    Backends of kernels raise BadInput for tensors of another dtype, device or shape than they take, and
+    inputs.ListsTooLarge for a picture whose tile lists do not fit into memory.
     """
 
     name: str
@@ -80,16 +81,20 @@ class Rasterizer(Protocol):
         probe: Float[Tensor, "n 2"] | None = None,
         known: Any = None,
     ) -> Float[Tensor, "h w 3"]:
-        """The picture: a linear blend of the splats over the background, not clamped at 1; differentiable in every tensor of `splats`.
+        """The picture: a linear blend of the splats over the background, not clamped at 1;
+        differentiable in every tensor of `splats`.
 
         probe: zeros that are added to the projected centres (px); its gradient dL/d(centre) drives density control.
-        known: what `visible` says of these Gaussians; None if it was not asked. With it, a backend may count on a probe of zeros.
+        known: what `visible` says of these Gaussians; None if it was not asked.
+        With it, a backend may count on a probe of zeros.
         """
 
     def contributions(self, splats: Splats, camera: Camera, known: Any = None) -> Float[Tensor, " n"]:
-        """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable. known: as in `render`."""
+        """The largest alpha * transmittance each Gaussian reaches in any pixel, in [0, 1]; not differentiable.
+        known: as in `render`."""
 
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
-        """How much each Gaussian makes up of each cell of the picture (core.scene.cells): the sum of weight * alpha * transmittance over its
-        pixels; not differentiable. Times a Gaussian's colour, it is what the Gaussian adds to the weighted sum of the cell's pixels, in any look.
+        """How much each Gaussian makes up of each cell of the picture (core.scene.cells): the sum of weight * alpha *
+        transmittance over its pixels; not differentiable. Times a Gaussian's colour, it is what the Gaussian adds to
+        the weighted sum of the cell's pixels, in any look.
         """

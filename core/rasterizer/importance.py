@@ -21,16 +21,21 @@ def largest_contributions(
     at_least: Float[Tensor, " n"] | None = None,
     enough: float = torch.inf,
 ) -> Float[Tensor, " n"]:
-    """The largest contribution alpha T of each Gaussian to any pixel of any view, in [0, 1]; it does not depend on the look.
+    """The largest contribution alpha T of each Gaussian to any pixel of any view, in [0, 1];
+    it does not depend on the look.
 
-    RadSplat, section 4.2, calls it the importance score. told: called with the number of views done. at_least: what the result is raised to, such as
-    infinity for Gaussians whose score does not matter. enough: scores up to this are exact; once all are above, the remaining views are skipped.
+    RadSplat, section 4.2, calls it the importance score. told: called with the number of views done. at_least: what the
+    result is raised to, such as infinity for Gaussians whose score does not matter. enough: scores up to this are
+    exact; once all are above, the remaining views are skipped.
     """
     return _largest(rasterizer.contributions, splats, cameras, told, at_least, enough)
 
 
-def largest_shares(splats: Splats, cameras: Collection[Camera], rasterizer: Rasterizer, told: Told = unheard) -> Float[Tensor, " n"]:
-    """The largest share of a whole picture that each Gaussian makes up in any view, in [0, 1]; it does not depend on the look."""
+def largest_shares(
+    splats: Splats, cameras: Collection[Camera], rasterizer: Rasterizer, told: Told = unheard
+) -> Float[Tensor, " n"]:
+    """The largest share of a whole picture that each Gaussian makes up in any view, in [0, 1];
+    it does not depend on the look."""
     return _largest(lambda splats, camera: shares_of_picture(splats, camera, rasterizer)[0], splats, cameras, told)
 
 
@@ -42,7 +47,8 @@ def _largest(
     at_least: Float[Tensor, " n"] | None = None,
     enough: float = torch.inf,
 ) -> Float[Tensor, " n"]:
-    """The largest number that any view has for each Gaussian, of those >= 0. at_least, enough: see `largest_contributions`."""
+    """The largest number that any view has for each Gaussian, of those >= 0.
+    at_least, enough: see `largest_contributions`."""
     largest = splats.means.new_zeros(len(splats)) if at_least is None else at_least.clone()
     for number, camera in enumerate(cameras, start=1):
         torch.maximum(largest, of_view(splats, camera), out=largest)
@@ -53,11 +59,14 @@ def _largest(
     return largest
 
 
-def shares_of_picture(splats: Splats, camera: Camera, rasterizer: Rasterizer, *parts: Bool[Tensor, "h w"]) -> Float[Tensor, "k n"]:
-    """The share of the whole picture that each Gaussian makes up: of all its pixels, and of those in each of up to two `parts`; in [0, 1].
+def shares_of_picture(
+    splats: Splats, camera: Camera, rasterizer: Rasterizer, *parts: Bool[Tensor, "h w"]
+) -> Float[Tensor, "k n"]:
+    """The share of the whole picture that each Gaussian makes up:
+    of all its pixels, and of those in each of up to two `parts`; in [0, 1].
 
-    A picture is linear in the colours. So the gradient of a channel's sum over some pixels by a Gaussian's colour is the Gaussian's weight in
-    these pixels; each of the three channels sums over other pixels.
+    A picture is linear in the colours. So the gradient of a channel's sum over some pixels by a Gaussian's colour is
+    the Gaussian's weight in these pixels; each of the three channels sums over other pixels.
     """
     white = splats.detached().marked(slice(None))
     white.sh.requires_grad_()

@@ -36,7 +36,8 @@ def check(splats: Splats, probe: Tensor | None, backend: str, device: str) -> No
 
 
 def check_lists(count: int, pairs: int, bytes_a_pair: int, budget: float, camera: Camera) -> None:
-    """Raise ListsTooLarge if the tile lists of a picture, of so many pairs of a Gaussian and a tile, take more bytes than the budget."""
+    """Raise ListsTooLarge if the tile lists of a picture, of so many pairs of a Gaussian and a tile,
+    take more bytes than the budget."""
     if pairs * bytes_a_pair > budget:
         raise ListsTooLarge(
             f"{count} Gaussians cover {pairs} tiles of the {camera.width}x{camera.height} picture in all: "

@@ -1,4 +1,5 @@
-"""What both backends of kernels keep: a Gaussian in the picture, as the blending reads it, and what the blending says of it in each tile.
+"""What both backends of kernels keep: a Gaussian in the picture, as the blending reads it,
+and what the blending says of it in each tile.
 
 The quadratic form is kept factored, as the distribution of x given y times that of y. With the 2D covariance [[a, b],
 [b, c]] and det = a c - b^2

@@ -80,7 +80,9 @@ class ReferenceRasterizer:
         pictures = []
         for pixels in pixel_chunks(camera, len(rows), centres):
             # A checkpoint keeps only the inputs and blends again in the backward pass: memory for one chunk at a time.
-            picture = checkpoint(blend, pixels, centres, projection.conics, projection.opacities, colours, behind, use_reentrant=False)
+            picture = checkpoint(
+                blend, pixels, centres, projection.conics, projection.opacities, colours, behind, use_reentrant=False
+            )
             pictures.append(picture)
         return torch.cat(pictures).reshape(camera.height, camera.width, 3)
 
@@ -99,7 +101,9 @@ class ReferenceRasterizer:
         size = math.prod(grid(camera.height, camera.width)), len(splats)
         shares = projection.opacities.new_zeros(size)
         chunks = pixel_chunks(camera, len(rows), projection.centres)
-        pixel_weights, pixel_cells = (each.flatten().split(len(chunks[0])) for each in (weight, cell_of_pixels(camera, weight.device)))
+        pixel_weights, pixel_cells = (
+            each.flatten().split(len(chunks[0])) for each in (weight, cell_of_pixels(camera, weight.device))
+        )
         for pixels, of_pixels, cells in zip(chunks, pixel_weights, pixel_cells):
             weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
             shares.index_put_((cells[:, None], rows), of_pixels[:, None] * weights, accumulate=True)
@@ -124,7 +128,8 @@ def visible_rows(splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
 def projected(splats: Splats, camera: Camera) -> tuple[Int[Tensor, " v"], Projection]:
     """The rows of the visible Gaussians, front to back, and what the camera sees of these.
 
-    Selected before any differentiable arithmetic: a NaN that enters it would come back out of the gradient of a mere mask, because 0 * NaN = NaN.
+    Selected before any differentiable arithmetic:
+    a NaN that enters it would come back out of the gradient of a mere mask, because 0 * NaN = NaN.
     """
     rows = visible_rows(splats, camera)
     rows = rows[front_to_back(splats[rows], camera)]
@@ -132,7 +137,8 @@ def projected(splats: Splats, camera: Camera) -> tuple[Int[Tensor, " v"], Projec
 
 
 def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:
-    """Which Gaussians are finite, in front of the camera, have a quaternion that is a rotation, and are not too faint to show anywhere."""
+    """Which Gaussians are finite, in front of the camera, have a quaternion that is a rotation,
+    and are not too faint to show anywhere."""
     keep = splats.finite_rows()
     offsets = offsets_from(camera, splats.means)
     _, _, depths = in_camera_axes(camera, offsets)
@@ -146,7 +152,8 @@ def can_be_projected(splats: Splats, camera: Camera) -> Bool[Tensor, " n"]:
 
 
 def touches_picture(projection: Projection, camera: Camera) -> Bool[Tensor, " n"]:
-    """Whether the ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN is one, and the box around it meets the picture."""
+    """Whether the ellipse opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN is one,
+    and the box around it meets the picture."""
     low, high = boxes(projection, ALPHA_MIN)
     inside = (high >= 0) & (low <= low.new_tensor([camera.width, camera.height]))
     return inside.all(dim=1) & is_ellipse(projection)
@@ -159,7 +166,8 @@ def boxes(projection: Projection, alpha_min: float) -> tuple[Float[Tensor, "n 2"
 
 
 def is_ellipse(projection: Projection) -> Bool[Tensor, " n"]:
-    """Whether the conics can be computed with. A determinant beyond the dtype leaves those of 0, whose gradient is not finite."""
+    """Whether the conics can be computed with. A determinant beyond the dtype leaves those of 0,
+    whose gradient is not finite."""
     return (projection.conics[:, [0, 2]] > 0).all(dim=1) & torch.isfinite(projection.conics).all(dim=1)
 
 
@@ -199,7 +207,9 @@ def offsets_from(camera: Camera, means: Float[Tensor, "n 3"]) -> Float[Tensor, "
     return means - means.new_tensor(camera.centre)
 
 
-def in_camera_axes(camera: Camera, offsets: Float[Tensor, "n 3"]) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]]:
+def in_camera_axes(
+    camera: Camera, offsets: Float[Tensor, "n 3"]
+) -> tuple[Float[Tensor, " n"], Float[Tensor, " n"], Float[Tensor, " n"]]:
     """The offsets along the camera's axes: x right, y down, z (the depth) forward; scene units."""
     x, y, z = offsets.unbind(dim=1)
     # Term by term: a matrix product may round each row in its own way, and equal depths have to stay equal.
@@ -207,7 +217,9 @@ def in_camera_axes(camera: Camera, offsets: Float[Tensor, "n 3"]) -> tuple[Float
     return right, down, forward
 
 
-def jacobians(camera: Camera, x_slopes: Float[Tensor, " n"], y_slopes: Float[Tensor, " n"], depths: Float[Tensor, " n"]) -> Float[Tensor, "n 2 3"]:
+def jacobians(
+    camera: Camera, x_slopes: Float[Tensor, " n"], y_slopes: Float[Tensor, " n"], depths: Float[Tensor, " n"]
+) -> Float[Tensor, "n 2 3"]:
     """d(pixel) / d(camera axes) at slopes x / z and y / z, which are clamped to the neighbourhood of the picture.
 
     Without the clamp a wide Gaussian beside the picture has a footprint out of all proportion; it is the original's,

@@ -1,6 +1,7 @@
 """A picture's cells (core.scene.cells) as a linear map of the Gaussians' colours.
 
-To compare many looks with one photo, project, sort and blend once: how much of a Gaussian a cell shows is the same in every look.
+To compare many looks with one photo, project, sort and blend once:
+how much of a Gaussian a cell shows is the same in every look.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,8 @@ TILE_CELLS = TILE // CELL_PX  # per side
 
 @dataclass(frozen=True)
 class Shares:
-    """A sparse matrix of `size` (cells, n), by its entries: the cell, the Gaussian, and how much of the cell the Gaussian makes up."""
+    """A sparse matrix of `size` (cells, n), by its entries:
+    the cell, the Gaussian, and how much of the cell the Gaussian makes up."""
 
     cells: Int[Tensor, " k"]
     gaussians: Int[Tensor, " k"]
@@ -74,8 +76,9 @@ def shares_of_slots(
 ) -> Shares:
     """`Rasterizer.shares` from slots, each of one Gaussian in one tile of TILE_CELLS x TILE_CELLS cells.
 
-    owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours by those of the picture. As a
-    picture is linear in the colours, these are sums of shares. Each channel asks for the same cell of every tile.
+    owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours by those
+    of the picture. As a picture is linear in the colours, these are sums of shares. Each channel asks for the same cell
+    of every tile.
     """
     rows, columns = grid(camera.height, camera.width)
     tiles_across = -(-columns // TILE_CELLS)

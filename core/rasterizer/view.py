@@ -10,8 +10,8 @@ from core.scene.camera import Camera
 # Positions in the array.
 ROTATION = 0  # world to camera, three rows of three
 CENTRE = 9  # scene units
-# What float32 rounds off the centre. Kernels read the array in float32 and subtract both parts from a mean: together they have 14 digits, so that
-# nothing is lost far from the origin.
+# What float32 rounds off the centre. Kernels read the array in float32 and subtract both parts from a mean: together
+# they have 14 digits, so that nothing is lost far from the origin.
 CENTRE_REST = 12
 FOCAL_X, FOCAL_Y, MIDDLE_X, MIDDLE_Y = 15, 16, 17, 18  # px
 LEFT, RIGHT, TOP, BOTTOM = 19, 20, 21, 22  # x / z and y / z are clamped to these in the Jacobian, see `jacobian_limits`

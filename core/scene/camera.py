@@ -9,11 +9,14 @@ from scipy.spatial.transform import Rotation
 from core.scene.frame import SceneFrame
 
 LARGEST_SIDE_PX = 1 << 20  # of a picture
-LARGEST_PX = 1e30  # of focal lengths and principal points: kernels keep them in float32, and write beyond their arrays where one is infinite
+# Of focal lengths and principal points: kernels keep them in float32, and write beyond their arrays where one is
+# infinite.
+LARGEST_PX = 1e30
 
 
 def can_be_drawn(width: int, height: int, lens: Sequence[float]) -> bool:
-    """Whether a picture of these sides by a lens of these fx, fy, cx and cy, all px, is one that kernels can draw; NaN is not."""
+    """Whether a picture of these sides by a lens of these fx, fy, cx and cy, all px,
+    is one that kernels can draw; NaN is not."""
     is_picture = 1 <= min(width, height) and max(width, height) <= LARGEST_SIDE_PX
     return is_picture and min(lens[:2]) > 0 and all(abs(value) < LARGEST_PX for value in lens)
 
@@ -62,9 +65,11 @@ class Camera:
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
     def toward(self, other: "Camera", share: float) -> "Camera":
-        """The camera that is this `share` of the way to another one, in [0, 1]: on a straight line, turning at a constant rate.
+        """The camera that is this `share` of the way to another one, in [0, 1]:
+        on a straight line, turning at a constant rate.
 
-        The picture keeps its size and principal point. The other's focal length counts relative to the longer side of its own picture.
+        The picture keeps its size and principal point.
+        The other's focal length counts relative to the longer side of its own picture.
         """
         if share == 0 or other is self:
             return self

@@ -61,8 +61,8 @@ class Splats:
         return replace(self, sh=sh)
 
     def marked(self, rows) -> "Splats":
-        """The same Gaussians, white in `rows` (an index tensor, mask or slice) and black elsewhere: a picture of them over black is what these
-        rows weigh in each pixel."""
+        """The same Gaussians, white in `rows` (an index tensor, mask or slice) and black elsewhere: a picture of them
+        over black is what these rows weigh in each pixel."""
         colours = torch.zeros_like(self.sh[:, :1])
         colours[rows] = 1
         return self.with_sh(dc_of_colour(colours))

@@ -16,7 +16,9 @@ from core.system.lock import taken
 from core.system.outputs import TEMPORARY, check_fillable, check_place, files_in
 
 KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
-NAME_PART = 58  # characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the usual 255
+# Characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the
+# usual 255.
+NAME_PART = 58
 FRESH_S = 5  # the process that made a temporary folder younger than this may be about to lock it
 _REFUSED = (
     *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.EINVAL),
@@ -27,7 +29,8 @@ _REFUSED = (
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Turn an OSError in writing `path` into an error that names it; errors about other files, such as those read meanwhile, pass unchanged."""
+    """Turn an OSError in writing `path` into an error that names it;
+    errors about other files, such as those read meanwhile, pass unchanged."""
     try:
         yield
     except OSError as problem:
@@ -51,8 +54,8 @@ def _may_be_of(file: str, path: Path) -> bool:
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path to write, which becomes `path` if the block ends without an error, and is removed otherwise.
 
-    It lies in a temporary folder beside `path`, because a rename is atomic only on the same disk, and has the same name, because writers of
-    videos and pictures choose the format by the suffix.
+    It lies in a temporary folder beside `path`, because a rename is atomic only on the same disk, and has the same
+    name, because writers of videos and pictures choose the format by the suffix.
     Raises DiskFull, and BadInput for a folder that is missing or may not be written.
     """
     check_place(path)
@@ -67,8 +70,8 @@ class MadeMeanwhile(BadInput):
 
 @contextmanager
 def made(folder: Path, may_exist: bool = True) -> Iterator[None]:
-    """Make `folder`, with its parents, for the block; at the end, those that were made and are still empty are removed. Raises OSError if it
-    cannot be made, or exists though it must not."""
+    """Make `folder`, with its parents, for the block; at the end, those that were made and are still empty are removed.
+    Raises OSError if it cannot be made, or exists though it must not."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=may_exist)
     try:
@@ -86,7 +89,8 @@ def _not_made(folder: Path, problem: OSError) -> BadInput:
 
 @contextmanager
 def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
-    """As `made`, for a folder that the user chose: BadInput if it cannot be made, and FileExistsError only if it exists though it must not."""
+    """As `made`, for a folder that the user chose:
+    BadInput if it cannot be made, and FileExistsError only if it exists though it must not."""
     with ExitStack() as stack:
         try:
             stack.enter_context(made(folder, may_exist))
@@ -98,15 +102,15 @@ def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
 
 
 def place_for(path: Path) -> Path:
-    """Where a temporary folder for `path` lies: beside it, or inside if `path` is a folder. That may be a disk of its own (a container's volume),
-    onto which nothing could be renamed from beside it."""
+    """Where a temporary folder for `path` lies: beside it, or inside if `path` is a folder. That may be a disk of its
+    own (a container's volume), onto which nothing could be renamed from beside it."""
     return path if path.is_dir() else path.parent
 
 
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder in `place_for` the path, removed at the end. After a kill it is removed when the next one for `path` is made, if the disk
-    supports locks."""
+    """A temporary folder in `place_for` the path, removed at the end. After a kill it is removed when the next one for
+    `path` is made, if the disk supports locks."""
     parent = place_for(path)
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
@@ -122,7 +126,8 @@ def temporary_folder(path: Path) -> Iterator[Path]:
 
 
 def _sweep(parent: Path, prefix: str) -> bool:
-    """Remove the temporary folders that killed processes left. Returns whether others stay: in use, or too young to tell."""
+    """Remove the temporary folders that killed processes left.
+    Returns whether others stay: in use, or too young to tell."""
     with suppress(OSError):  # if the parent is gone by now
         left = [parent / name for name in os.listdir(parent) if name.startswith(prefix) and not name.endswith(KEPT)]
         return sum(swept(folder, remove) for folder in left) < len(left)
@@ -130,9 +135,11 @@ def _sweep(parent: Path, prefix: str) -> bool:
 
 
 def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
-    """Remove `folder`, by `discard`, if its process was killed: nobody has locked it or is about to. Returns whether it was removed."""
+    """Remove `folder`, by `discard`, if its process was killed: nobody has locked it or is about to.
+    Returns whether it was removed."""
     with suppress(OSError):
-        if time.time() - folder.stat().st_mtime <= FRESH_S:  # asked first: while it is locked here, its process could not lock it
+        # Asked first: while it is locked here, its process could not lock it.
+        if time.time() - folder.stat().st_mtime <= FRESH_S:
             return False
         with taken(folder) as ours:
             if ours:
@@ -143,10 +150,11 @@ def swept(folder: Path, discard: Callable[[Path], None]) -> bool:
 
 @contextmanager
 def replacing_folder(output: Path) -> Iterator[Path]:
-    """A temporary folder; the contents of its subfolder scene/ become those of `output` if the block ends without an error.
+    """A temporary folder; the contents of its subfolder scene/ become those
+    of `output` if the block ends without an error.
 
-    output: a folder that does not exist yet, or is empty. Raises MadeMeanwhile if that is no longer so at the end, DiskFull, and BadInput for
-    a folder that may not be written.
+    output: a folder that does not exist yet, or is empty. Raises MadeMeanwhile if that is no longer so at the end,
+    DiskFull, and BadInput for a folder that may not be written.
     """
     is_there = output.is_dir()
     with ExitStack() as stack:
@@ -169,7 +177,9 @@ def replacing_folder(output: Path) -> Iterator[Path]:
         except OSError as problem:
             if problem.errno not in (errno.ENOTEMPTY, errno.EEXIST):
                 raise
-            raise MadeMeanwhile(f"{output} was made by another program meanwhile.", "Use that one, or choose another -o.") from None
+            raise MadeMeanwhile(
+                f"{output} was made by another program meanwhile.", "Use that one, or choose another -o."
+            ) from None
 
 
 def _is_model(part: Path) -> bool:
@@ -182,12 +192,15 @@ def temporary_place() -> Path:
     try:
         return Path(tempfile.gettempdir())
     except FileNotFoundError:  # also where every disk is full
-        raise WegsError("There is no folder for temporary files that can be written in.", "Free some space, or set TMPDIR to one.") from None
+        raise WegsError(
+            "There is no folder for temporary files that can be written in.", "Free some space, or set TMPDIR to one."
+        ) from None
 
 
 @contextmanager
 def scratch(name: str) -> Iterator[Path]:
-    """As `temporary_folder`, among the system's temporary files; `name` says what it is for. Raises DiskFull if their disk is full."""
+    """As `temporary_folder`, among the system's temporary files; `name` says what it is for.
+    Raises DiskFull if their disk is full."""
     place = temporary_place()
     what = f"The disk is full: temporary files could not be written in {place}."
     full = DiskFull(what, "Free some space, or set TMPDIR to a folder on another disk.")
@@ -195,14 +208,16 @@ def scratch(name: str) -> Iterator[Path]:
         try:
             yield folder
         except OSError as problem:
-            if as_disk_full(problem) and str(problem.filename).startswith(str(folder)):  # not another disk, such as a log's
+            # Not another disk, such as a log's.
+            if as_disk_full(problem) and str(problem.filename).startswith(str(folder)):
                 raise full from None
             raise
 
 
 @contextmanager
 def named_if_full(folder: Path, full: DiskFull) -> Iterator[None]:
-    """Raise `full` instead of any error that occurs while the disk of `folder` is full: pycolmap and SQLite report that in their own words."""
+    """Raise `full` instead of any error that occurs while the disk of `folder` is full:
+    pycolmap and SQLite report that in their own words."""
     try:
         yield
     except WegsError:
@@ -215,10 +230,11 @@ def named_if_full(folder: Path, full: DiskFull) -> Iterator[None]:
 
 @contextmanager
 def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Path]:
-    """A temporary folder to fill; its contents become those of `folder` if the block ends without an error, and are removed otherwise.
+    """A temporary folder to fill; its contents become those of `folder` if the block ends without an error,
+    and are removed otherwise.
 
-    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has files. With `force`, files that match
-    are replaced; others are still refused.
+    patterns: globs of what such a block writes. Raises BadInput, before anything is made, if `folder` has files. With
+    `force`, files that match are replaced; others are still refused.
     """
     check_fillable(folder, patterns, force)
     with _named(folder):
@@ -232,8 +248,8 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
 
 @contextmanager
 def adding(folder: Path) -> Iterator[Path]:
-    """A temporary folder to fill; its contents are moved into `folder`, in place of those of the same names, if the block ends without an error, and
-    are removed otherwise."""
+    """A temporary folder to fill; its contents are moved into `folder`, in place of those of the same names, if the
+    block ends without an error, and are removed otherwise."""
     with _named(folder), temporary_folder(folder) as work:
         try:
             yield work

@@ -17,17 +17,21 @@ CPU = torch.device("cpu")
 def chosen(device: str, backend: str) -> torch.device:
     """The device that the settings `device` and `backend` stand for.
 
-    `auto` is the GPU if one can be used, unless the backend is `cpu`. If it is a GPU, torch's convolutions compute in full float32 from then on.
-    Raises BadSetting for `cuda` if no GPU can be used.
+    `auto` is the GPU if one can be used, unless the backend is `cpu`. If it is a GPU, torch's convolutions compute in
+    full float32 from then on. Raises BadSetting for `cuda` if no GPU can be used.
     """
     if device == "cuda":
         if not torch.cuda.is_available():
-            raise BadSetting("device=cuda: torch finds no NVIDIA GPU here.", "Leave --device out, or install torch's CUDA build and a driver.")
+            raise BadSetting(
+                "device=cuda: torch finds no NVIDIA GPU here.",
+                "Leave --device out, or install torch's CUDA build and a driver.",
+            )
         if fault := fault_of_gpu():
             raise BadSetting(f"device=cuda: {fault}.", "Mend that, or leave --device out.")
     elif not (may_be_gpu(device, backend) and can_use_gpu()):
         return CPU
-    # Otherwise cuDNN rounds inputs to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of large sums.
+    # Otherwise cuDNN rounds inputs to 10 bits (TF32), too coarse for SSIM, whose variances are small differences of
+    # large sums.
     torch.backends.cudnn.allow_tf32 = False
     return torch.device("cuda", torch.cuda.current_device())
 
@@ -59,13 +63,19 @@ def _fault_of_first_use() -> str | None:
     except torch.OutOfMemoryError:
         raise
     except RuntimeError as problem:
-        return f"torch cannot compute on this GPU ({_first_line(problem)}), which may be too old for this build of torch, or in use"
+        return (
+            f"torch cannot compute on this GPU ({_first_line(problem)}), "
+            "which may be too old for this build of torch, or in use"
+        )
     try:
         from triton.runtime import driver  # only where there is a GPU
 
         _ = driver.active.utils  # compiled in C, for this Python
     except (RuntimeError, AssertionError, ImportError, OSError, SubprocessError) as problem:
-        needed = "a C compiler, Python's headers (on Debian: apt install gcc python3-dev) and a cache that may be written (TRITON_CACHE_DIR)"
+        needed = (
+            "a C compiler, Python's headers (on Debian: "
+            "apt install gcc python3-dev) and a cache that may be written (TRITON_CACHE_DIR)"
+        )
         return f"Triton cannot be used here ({_first_line(problem)}); it needs {needed}"
     return None
 
@@ -75,7 +85,8 @@ def _first_line(problem: Exception) -> str:
 
 
 def sent(tensor: Tensor, device: torch.device) -> Tensor:
-    """A copy on `device` of a small tensor on the host, made without waiting: from pinned memory, the copy only joins the GPU's queue."""
+    """A copy on `device` of a small tensor on the host, made without waiting:
+    from pinned memory, the copy only joins the GPU's queue."""
     return (tensor.pin_memory() if device.type == "cuda" else tensor).to(device, non_blocking=True)
 
 
@@ -86,7 +97,8 @@ def sent_together(tensors: Sequence[Tensor], device: torch.device) -> list[Tenso
 
 
 def of_run(trained_on: str) -> torch.device:
-    """Where to use a run whose setting `device` is `trained_on`: on the GPU if it was trained on one and there is one here."""
+    """Where to use a run whose setting `device` is `trained_on`:
+    on the GPU if it was trained on one and there is one here."""
     return chosen(AUTO if trained_on == "cuda" else "cpu", AUTO)
 
 

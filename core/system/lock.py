@@ -13,8 +13,8 @@ except ImportError:  # Windows
 
 @contextmanager
 def taken(folder: Path) -> Iterator[bool | None]:
-    """Lock `folder` for the block. True if that succeeded; False if another process has locked it, or has locked and removed it; None if the
-    system or the disk has no such locks."""
+    """Lock `folder` for the block. True if that succeeded; False if another process has locked it, or has locked and
+    removed it; None if the system or the disk has no such locks."""
     if fcntl is None:
         yield None
         return

@@ -5,17 +5,19 @@ import sys
 from core.errors import BadSetting
 
 GIB = 1 << 30
-LIBRARIES = 300 << 20  # bytes of torch, Numba and others that are mapped from their files: the limit below leaves them out
+# Bytes of torch, Numba and others that are mapped from their files: the limit below leaves them out.
+LIBRARIES = 300 << 20
 
 
 def hold_to(gib: float) -> None:
-    """Limit this process to `gib` GiB of memory from now on. An allocation beyond raises MemoryError or, in torch, RuntimeError.
+    """Limit this process to `gib` GiB of memory from now on.
+    An allocation beyond raises MemoryError or, in torch, RuntimeError.
 
-    wegs itself needs 1.2 GiB to start, and 2 GiB to train with torch's CUDA build. The limit (Linux's RLIMIT_DATA, getrlimit(2)) counts memory that
-    is allocated, whether or not it is touched, so less is really used.
+    wegs itself needs 1.2 GiB to start, and 2 GiB to train with torch's CUDA build. The limit (Linux's RLIMIT_DATA,
+    getrlimit(2)) counts memory that is allocated, whether or not it is touched, so less is really used.
 
-    Raises BadSetting on other systems, for less than the libraries take, for more than the system can count (most likely bytes by mistake), and
-    if a lower limit is already set.
+    Raises BadSetting on other systems, for less than the libraries take, for more than the system can count (most
+    likely bytes by mistake), and if a lower limit is already set.
     """
     if not sys.platform.startswith("linux"):
         raise BadSetting(f"--memory {gib}: {sys.platform} cannot limit a process.", "Leave it out.")
@@ -31,7 +33,8 @@ def hold_to(gib: float) -> None:
 
 
 def limit() -> int | None:
-    """The bytes that this process may allocate, as set by `hold_to` or the shell (`ulimit -d`); None without a limit."""
+    """The bytes that this process may allocate, as set by `hold_to` or the shell
+    (`ulimit -d`); None without a limit."""
     if not sys.platform.startswith("linux"):
         return None
     import resource

@@ -14,9 +14,12 @@ def check_folder(folder: Path, fix: str = "Write to another folder.") -> None:
     """Raise BadInput unless `folder` can be written in, or be made; DiskFull. fix: what to do where it is read-only."""
     there = _nearest(folder)
     try:
-        os.rmdir(tempfile.mkdtemp(prefix=TEMPORARY, dir=there))  # tried, because permissions do not tell: root has them in /proc, too
+        # Tried, because permissions do not tell: root has them in /proc, too.
+        os.rmdir(tempfile.mkdtemp(prefix=TEMPORARY, dir=there))
     except OSError as problem:
-        raise as_disk_full(problem, folder) or BadInput(f"The folder {there} may not be written in: {problem.strerror}.", fix) from None
+        raise as_disk_full(problem, folder) or BadInput(
+            f"The folder {there} may not be written in: {problem.strerror}.", fix
+        ) from None
 
 
 def _nearest(folder: Path) -> Path:
@@ -29,7 +32,8 @@ def _nearest(folder: Path) -> Path:
 
 
 def check_named_as_folder(output: Path, suffixes: tuple[str, ...], what: str) -> None:
-    """Raise BadSetting for a new -o with one of the `suffixes` of files, where a folder is to be made. what: says so, in words."""
+    """Raise BadSetting for a new -o with one of the `suffixes` of files, where a folder is to be made.
+    what: says so, in words."""
     if output.suffix.lower() in suffixes and not output.exists():
         raise BadSetting(f"-o {output}: {what}.", f"Type: {command('-o', output.with_suffix(''))}")
 
@@ -45,7 +49,9 @@ def check_apart(folder: Path, given: Iterable[Path]) -> None:
         # A link in the folder is deleted, too, although what it points to stays.
         inside = path.resolve().is_relative_to(folder.resolve()) or path.absolute().is_relative_to(folder.absolute())
         if inside and path.exists():
-            raise BadInput(f"{path} lies in {folder}, whose files are replaced.", "Choose another -o, or move it out first.")
+            raise BadInput(
+                f"{path} lies in {folder}, whose files are replaced.", "Choose another -o, or move it out first."
+            )
 
 
 def check_file(path: Path) -> None:
@@ -55,12 +61,16 @@ def check_file(path: Path) -> None:
 
 
 def check_place(path: Path) -> None:
-    """Raise BadInput unless `path` names a file in a folder that exists; whether the folder is writable is not tried."""
+    """Raise BadInput unless `path` names a file in a folder that exists;
+    whether the folder is writable is not tried."""
     if path.is_dir():
         raise BadInput(f"{path} is a folder.", "Give the name of a file.")
     _nearest(path.parent)
     if path.parts[0] == "~":
-        raise BadInput(f"{path} names no home folder: the shell replaces ~ only at the start of a word.", f"Type: -o {path}, with a space")
+        raise BadInput(
+            f"{path} names no home folder: the shell replaces ~ only at the start of a word.",
+            f"Type: -o {path}, with a space",
+        )
     if not path.parent.exists():
         fix = f"Type: {command('mkdir', '-p', path.parent)}"
         raise BadInput(f"There is no folder {path.parent} to write {path.name} in.", fix)

@@ -36,7 +36,8 @@ def one_torch_thread() -> Iterator[None]:
 def threads_for_blocks() -> Iterator[None]:
     """As `one_torch_thread`, but `in_parallel` and `beside` go on using as many threads as torch had. A decorator too.
 
-    For work in which torch's own operations are small: OpenMP's threads save less than they cost where ours are at work.
+    For work in which torch's own operations are small:
+    OpenMP's threads save less than they cost where ours are at work.
     """
     before, _calling_thread.threads = _calling_thread.threads, threads()
     try:
@@ -61,15 +62,17 @@ _calling_thread = _CallingThread()
 
 
 def threads() -> int:
-    """How many threads `in_parallel` and `beside` use: torch's number, or the one it had before `threads_for_blocks`."""
+    """How many threads `in_parallel` and `beside` use:
+    torch's number, or the one it had before `threads_for_blocks`."""
     return torch.get_num_threads() if _calling_thread.threads is None else _calling_thread.threads
 
 
 def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: int | None = None) -> None:
     """Call work(begin, end) for each block of range(total), the last one perhaps shorter, in any order; wait for all.
 
-    On `threads()` threads, or `most` if that is fewer, each with one torch thread and without gradients. Kernels release the
-    interpreter lock. After an exception in `work`, or Ctrl-C, no further block is begun, and it is raised here once all threads have stopped.
+    On `threads()` threads, or `most` if that is fewer, each with one torch thread and without gradients. Kernels
+    release the interpreter lock. After an exception in `work`, or Ctrl-C, no further block is begun, and it is raised
+    here once all threads have stopped.
     """
     starts = iter(range(0, total, block))  # next() on it is atomic under the interpreter lock
     extra = min(threads(), most or threads(), -(-total // block)) - 1
@@ -90,7 +93,8 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: 
         try:
             take_turns()
         finally:
-            # A thread that is still busy with other work would find no block left: only those that have begun are awaited.
+            # A thread that is still busy with other work would find no block left: only those that have begun are
+            # awaited.
             came = [other for other in others if not other.cancel()]
             wait(came)
     for other in came:
@@ -100,8 +104,9 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: 
 def beside(work: Callable[[], Result]) -> Callable[[], Result]:
     """Start work() on another thread; calling what is returned gives its result, or raises its exception.
 
-    With one torch thread, and with gradients if the caller has them. If there is no other thread, or it has not begun by the time
-    the result is asked for, the caller does the work then. So the work must not depend on what the caller does in the meantime.
+    With one torch thread, and with gradients if the caller has them. If there is no other thread, or it has not begun
+    by the time the result is asked for, the caller does the work then. So the work must not depend on what the caller
+    does in the meantime.
     """
     with_gradients = torch.is_grad_enabled()
 

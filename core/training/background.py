@@ -1,7 +1,8 @@
-"""What is drawn behind everything: black. Where transparent pixels are empty, a new colour at each step of training, and white in figures.
+"""What is drawn behind everything: black. Where transparent pixels are empty,
+a new colour at each step of training, and white in figures.
 
-Over one colour alone, Gaussians of that colour would pass for empty space. White is what the figures of Blender's scenes
-(NeRF, Mildenhall et al. 2020) are measured over.
+Over one colour alone, Gaussians of that colour would pass for empty space. White is what the figures of Blender's
+scenes (NeRF, Mildenhall et al. 2020) are measured over.
 """
 
 import torch

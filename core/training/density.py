@@ -27,8 +27,8 @@ FIRST_BUDGET = 0.25  # of max_gaussians; what growth may reach rises from there 
 class DensityControl:
     """Density control of one run, between its steps.
 
-    points: from SfM, (M, 3), scene frame. model: predicts the masks. generator: draws the positions of split Gaussians. report: is told how far
-    the slow parts are.
+    points: from SfM, (M, 3), scene frame. model: predicts the masks.
+    generator: draws the positions of split Gaussians. report: is told how far the slow parts are.
     """
 
     def __init__(
@@ -52,7 +52,8 @@ class DensityControl:
         return done in self.grow_at or done in self.prune_at or done in (self.settled_at, self.settings.steps)
 
     def change(self, gaussians: Gaussians, done: int, mask_mean: float) -> list[str]:
-        """All that is scheduled after `done` steps; a warning if it leaves only the sky. mask_mean: running mean of the masks."""
+        """All that is scheduled after `done` steps; a warning if it leaves only the sky.
+        mask_mean: running mean of the masks."""
         before = gaussians.solid
         if done in self.grow_at:
             self.grow(gaussians, done)
@@ -65,7 +66,8 @@ class DensityControl:
         return [densify.ALL_GONE] if before and not gaussians.solid else []
 
     def grow(self, gaussians: Gaussians, done: int) -> None:
-        """One round: prune, then grow within a budget that rises from round to round and is max_gaussians in the last."""
+        """One round: prune, then grow within a budget that rises from round
+        to round and is max_gaussians in the last."""
         densify.prune(gaussians, self.settings, self.surroundings)
         now = sum(step <= done for step in self.grow_at) / len(self.grow_at)
         allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
@@ -73,11 +75,14 @@ class DensityControl:
 
     def prune_by_contribution(self, gaussians: Gaussians, done: int) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
-        largest = largest_contributions(gaussians.splats, self.photos.cameras, self.rasterizer, self._told(done, "pruning"))
+        largest = largest_contributions(
+            gaussians.splats, self.photos.cameras, self.rasterizer, self._told(done, "pruning")
+        )
         densify.prune_by_contribution(gaussians, largest, self.settings.prune_contribution)
 
     def clear_the_view(self, gaussians: Gaussians, done: int, mask_mean: float) -> None:
-        """Remove what blocks the view from where no photo was taken: see `gaussians.veils` and `gaussians.passers_by`."""
+        """Remove what blocks the view from where no photo was taken:
+        see `gaussians.veils` and `gaussians.passers_by`."""
         splats = gaussians.splats
         in_the_way = torch.zeros(len(gaussians), dtype=torch.bool, device=splats.means.device)
         if self.settings.remove_veils:

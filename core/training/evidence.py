@@ -1,4 +1,5 @@
-"""Figures on how photos of the same points differ: by look, by exposure alone, by where they were taken from, by who stood there.
+"""Figures on how photos of the same points differ:
+by look, by exposure alone, by where they were taken from, by who stood there.
 
 What neighbouring points of a photo share is look; what each has for itself is noise (texture, features a pixel off) and
 averages out of the product of neighbours, as the nugget does from a variogram (Matheron 1963). Nothing is learned.
@@ -29,9 +30,9 @@ STEPS = 255.0
 class Evidence:
     """What the photos say, of which there are `photos`; None where they say too little.
 
-    colour_spread: of a point over the photos, 8-bit steps. spread_beyond_exposure: the same after a gain and an offset for each photo and
-    channel, its exposure. view_dependence: share, up to 1, of the latter that the viewing direction explains. strange_share: of places, those
-    that look unlike what photos from nearly the same place show.
+    colour_spread: of a point over the photos, 8-bit steps. spread_beyond_exposure: the same after a gain and an offset
+    for each photo and channel, its exposure. view_dependence: share, up to 1, of the latter that the viewing direction
+    explains. strange_share: of places, those that look unlike what photos from nearly the same place show.
     """
 
     photos: int
@@ -59,7 +60,8 @@ def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidenc
 
 
 def _judgeable(places: Sightings) -> Sightings:
-    """The places in photos with enough matches for an exposure, of points that two such photos matched, without photos that then have no match."""
+    """The places in photos with enough matches for an exposure, of points that two such photos matched,
+    without photos that then have no match."""
     for kind, fewest in (("photo", FEWEST_IN_PHOTO), ("point", 2), ("photo", 1)):
         numbers = getattr(places, kind)
         counts = np.bincount(numbers, weights=places.matched)
@@ -87,7 +89,8 @@ def fit_exposures(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exposures_of(group: np.ndarray, base: np.ndarray, colour: np.ndarray) -> np.ndarray:
-    """Gain and offset (G, 2, 3) that lead from base colours (N, 3) to colours (N, 3) in each group (N,) of sightings."""
+    """Gain and offset (G, 2, 3) that lead from base colours (N, 3) to colours (N,
+    3) in each group (N,) of sightings."""
     weight = np.ones((len(group), 1))
     for _ in range(ROUNDS):
         ones = _sums(group, weight) + EXPOSURE_PRIOR
@@ -109,7 +112,8 @@ def exposed(exposures: np.ndarray, group: np.ndarray, base: np.ndarray) -> np.nd
 
 
 def shared_spread(sightings: Sightings, difference: np.ndarray) -> float:
-    """Root mean product of the differences (N, 3) of neighbouring sightings, 8-bit steps per channel: what they share."""
+    """Root mean product of the differences (N, 3) of neighbouring sightings,
+    8-bit steps per channel: what they share."""
     first, second = neighbours(sightings)
     counts = np.bincount(sightings.point)[sightings.point]
     # A base colour is the mean of n sightings and hides 1/n of their variance.
@@ -121,8 +125,8 @@ def shared_spread(sightings: Sightings, difference: np.ndarray) -> float:
 def view_dependence(sightings: Sightings, difference: np.ndarray) -> float | None:
     """The share of the differences (N, 3) that a colour linear in the viewing direction explains, chance taken off.
 
-    Over the points with FEWEST_VIEWS; None if there are not FEWEST_OF_MANY_VIEWS sightings of such points. SS_explained minus
-    what as many random regressors would explain, as in the adjusted coefficient of determination.
+    Over the points with FEWEST_VIEWS; None if there are not FEWEST_OF_MANY_VIEWS sightings of such points. SS_explained
+    minus what as many random regressors would explain, as in the adjusted coefficient of determination.
     """
     enough = np.bincount(sightings.point)[sightings.point] >= FEWEST_VIEWS
     if enough.sum() < FEWEST_OF_MANY_VIEWS:
@@ -143,8 +147,8 @@ def view_dependence(sightings: Sightings, difference: np.ndarray) -> float | Non
 def strange_share(places: Sightings, difference: np.ndarray) -> float | None:
     """The share of the CLOSEST places that look strange (STRANGE) together with their neighbour.
 
-    A point hidden by what stays is hidden from nearby too, the more surely the nearer; one hidden by a passer-by is not. So
-    the places that another photo matched from nearest by tell the two apart. None if there are too few.
+    A point hidden by what stays is hidden from nearby too, the more surely the nearer; one hidden by a passer-by is
+    not. So the places that another photo matched from nearest by tell the two apart. None if there are too few.
     """
     size = np.linalg.norm(difference, axis=1) * STEPS / np.sqrt(3)
     usual = np.full(int(places.photo.max()) + 1, np.inf)

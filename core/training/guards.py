@@ -1,7 +1,8 @@
-"""Which steps are invalid, and therefore not taken: those whose loss or gradient is not finite, or whose loss is far above the usual.
+"""Which steps are invalid, and therefore not taken:
+those whose loss or gradient is not finite, or whose loss is far above the usual.
 
-Adam divides by the size of past gradients. A NaN among them spoils the parameters for good; a gradient that is a thousand times
-too large stops them from learning for a thousand steps.
+Adam divides by the size of past gradients. A NaN among them spoils the parameters for good; a gradient that is a
+thousand times too large stops them from learning for a thousand steps.
 """
 
 import math
@@ -14,8 +15,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 SPIKE = 10.0  # times the usual picture loss
-# No photo alone costs that much: against a render in [0, 1] the picture loss stays below 1.6, exposure jitter included. So an
-# odd photo (black, white, of another place) is never taken for a spike; above this, the render has left [0, 1].
+# No photo alone costs that much: against a render in [0, 1] the picture loss stays below 1.6, exposure jitter included.
+# So an odd photo (black, white, of another place) is never taken for a spike; above this, the render has left [0, 1].
 LEAST_SPIKE = 2.0
 
 
@@ -41,9 +42,10 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], largest: Fl
 class StepFacts(NamedTuple):
     """The outcome of a step, as numbers that were read back from the device that computed it.
 
-    loss: what the step minimised. residual_size: mean absolute residual of the SH. shown_share: mean of the photo's mask, 0 without one. sound:
-    whether the losses are valid. taken: whether the gradients of the Gaussians, the embedding and the SH transfer are finite as well; then the
-    Gaussians are updated. learned: whether those of all other weights are finite as well; then the networks are updated.
+    loss: what the step minimised. residual_size: mean absolute residual of the SH. shown_share: mean of the photo's
+    mask, 0 without one. sound: whether the losses are valid. taken: whether the gradients of the Gaussians, the
+    embedding and the SH transfer are finite as well; then the Gaussians are updated. learned: whether those of all
+    other weights are finite as well; then the networks are updated.
     """
 
     loss: float
@@ -67,7 +69,8 @@ def fault(facts: StepFacts, usual: float) -> str | None:
 
 
 def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor, ""]:
-    """Whether all numbers in these tensors, all on the device `where`, are finite. On a CPU, a tensor whose sum overflows is not."""
+    """Whether all numbers in these tensors, all on the device `where`, are finite.
+    On a CPU, a tensor whose sum overflows is not."""
     given = [tensor for tensor in tensors if tensor is not None and tensor.numel()]
     if not given:
         return torch.ones((), dtype=torch.bool, device=where)
@@ -78,12 +81,14 @@ def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor
 
 
 def _finite_at_once(tensors: list[Tensor]) -> Bool[Tensor, ""]:
-    """The same in one kernel for all: that of torch's GradScaler, which would scale them, too, and scales by one here."""
+    """The same in one kernel for all: that of torch's GradScaler, which would scale them, too,
+    and scales by one here."""
     found = tensors[0].new_zeros(())
     torch._amp_foreach_non_finite_check_and_unscale_(tensors, found, torch.ones_like(found))
     return found == 0
 
 
 def known_invalid(valid: Bool[Tensor, ""]) -> bool:
-    """Whether the host knows that a step is not valid. Never on a GPU, which it does not wait for: there the kernels skip an invalid step."""
+    """Whether the host knows that a step is not valid.
+    Never on a GPU, which it does not wait for: there the kernels skip an invalid step."""
     return valid.device.type == "cpu" and not valid

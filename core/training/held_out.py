@@ -18,7 +18,8 @@ from core.training.sized_photos import SizedPhotos, as_tensors
 def quality(
     photos: SizedPhotos, gaussians: Gaussians, model: AppearanceModel, rasterizer: Rasterizer, background: Colour
 ) -> tuple[float, float] | tuple[None, None]:
-    """Mean PSNR (dB) and SSIM (the loss's) over valid pixels, each photo in the look that is read from the whole of it; (None, None) without photos.
+    """Mean PSNR (dB) and SSIM (the loss's) over valid pixels,
+    each photo in the look that is read from the whole of it; (None, None) without photos.
 
     background: what renders are drawn over.
     """

@@ -20,11 +20,13 @@ def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "
     return torch.exp(settings.exposure_jitter * (draw[:1] + 0.5 * draw[1:])).clamp(max=LARGEST_GAIN)
 
 
-def jittered(shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None) -> tuple[Float[Tensor, "3 h w"], Target]:
+def jittered(
+    shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None
+) -> tuple[Float[Tensor, "3 h w"], Target]:
     """Both with each channel times its gain, on the same device; for None as they are.
 
-    The encoder sees a photo as a file would hold it, so its input is clamped at 1. The target is not, as no render is: its statistics then follow
-    from those of the photo.
+    The encoder sees a photo as a file would hold it, so its input is clamped at 1. The target is not, as no render is:
+    its statistics then follow from those of the photo.
     """
     if gain is None:
         return shown, target

@@ -11,5 +11,6 @@ def tell_progress(done: int, settings: Settings, note: str, report: Report) -> N
 
 
 def within_step(done: int, what: str, settings: Settings, report: Report) -> Told:
-    """Shows in the bar's note how far `what` is, in the step after `done` others: on large collections it can take a minute."""
+    """Shows in the bar's note how far `what` is, in the step after `done` others:
+    on large collections it can take a minute."""
     return lambda seen, views: tell_progress(done, settings, f"{what}: view {seen} of {views}", report)

@@ -1,4 +1,5 @@
-"""Where memory or the disk runs out in the middle of training: what was learned is saved, and the user is told what to do."""
+"""Where memory or the disk runs out in the middle of training:
+what was learned is saved, and the user is told what to do."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,21 +14,26 @@ from core.words import counted
 
 @contextmanager
 def saved_if_room_runs_out(trainer: Trainer) -> Iterator[None]:
-    """Around training: where it finds no room, a checkpoint is written and TrainingStopped raised; other errors of the system are raised on."""
+    """Around training: where it finds no room, a checkpoint is written and TrainingStopped raised;
+    other errors of the system are raised on."""
     try:
         yield
     except (DiskFull, OSError) as problem:  # such as of a log that cannot be written
         path = trainer.save()
         if (full := as_disk_full(problem)) is None:
             raise
-        raise TrainingStopped(f"{full.what} {_kept(trainer, path)}", f"Free some space, then type: {how_to_go_on(trainer.folder)}") from None
+        raise TrainingStopped(
+            f"{full.what} {_kept(trainer, path)}", f"Free some space, then type: {how_to_go_on(trainer.folder)}"
+        ) from None
     except Exception as problem:
         cause = problem if isinstance(problem, ListsTooLarge) else as_out_of_memory(problem)
         if cause is None:
             raise
         path = trainer.save()  # moves tensor by tensor to the machine's own memory: takes none on the GPU
         bake = command("wegs", "bake", "--run", trainer.folder, "--appearance", "PHOTO", "-o", "look.ply")
-        raise TrainingStopped(f"{cause.what} {_kept(trainer, path)}", f"{LESS_MEMORY}; what is saved can be baked: {bake}") from None
+        raise TrainingStopped(
+            f"{cause.what} {_kept(trainer, path)}", f"{LESS_MEMORY}; what is saved can be baked: {bake}"
+        ) from None
 
 
 def _kept(trainer: Trainer, path: Path) -> str:

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 @dataclass
 class RunState:
-    """done: steps. seconds: of training, without the checks of held-out photos. order: the photos left in this round through all of them, by index;
-    the last one is next. mask_mean: running mean of the masks, 1 where nothing is hidden. last_losses: see `guards.usual_loss`. skipped,
-    skipped_in_a_row: invalid steps. collapse_told: whether the user was told that masks hide too much.
+    """done: steps. seconds: of training, without the checks of held-out photos. order: the photos left in this round
+    through all of them, by index; the last one is next. mask_mean: running mean of the masks, 1 where nothing is
+    hidden. last_losses: see `guards.usual_loss`. skipped, skipped_in_a_row: invalid steps. collapse_told: whether the
+    user was told that masks hide too much.
     """
 
     done: int
@@ -22,7 +23,16 @@ class RunState:
     @staticmethod
     def at_start(photos: int) -> "RunState":
         """Of a run on so many photos, before its first step."""
-        return RunState(done=0, seconds=0.0, order=[], mask_mean=1.0, last_losses=[None] * photos, skipped=0, skipped_in_a_row=0, collapse_told=False)
+        return RunState(
+            done=0,
+            seconds=0.0,
+            order=[],
+            mask_mean=1.0,
+            last_losses=[None] * photos,
+            skipped=0,
+            skipped_in_a_row=0,
+            collapse_told=False,
+        )
 
     def check_photos(self, photos: int) -> None:
         """Raise ValueError if it is of a run on another number of photos."""

@@ -16,11 +16,14 @@ def decayed(rate: float, progress: float, final_share: float) -> float:
 
 def shrink_factor(settings: Settings, progress: float) -> int:
     """The factor by which photos are shrunk at this progress."""
-    return next((factor for factor, end in zip(SHRINK_FACTORS, _phase_ends(settings)) if progress < end), SHRINK_FACTORS[-1])
+    return next(
+        (factor for factor, end in zip(SHRINK_FACTORS, _phase_ends(settings)) if progress < end), SHRINK_FACTORS[-1]
+    )
 
 
 def time_through(settings: Settings, step: int) -> float:
-    """The share of a run's time, in [0, 1], that has passed after `step` steps: early steps, on shrunk photos, are faster."""
+    """The share of a run's time, in [0, 1], that has passed after `step` steps:
+    early steps, on shrunk photos, are faster."""
 
     def time(progress: float) -> float:
         reached = [min(progress, end) for end in _phase_ends(settings)]
@@ -35,8 +38,12 @@ def _phase_ends(settings: Settings) -> tuple[float, float, float]:
 
 
 def begun(settings: Settings, progress: float) -> tuple[bool, ...]:
-    """Which of the parts that start in the course of a run have started: geometry, latents, learning masks, applying masks."""
-    return tuple(progress >= start for start in (settings.geometry_from, settings.latents_from, settings.mask_start, settings.mask_apply))
+    """Which of the parts that start in the course of a run have started:
+    geometry, latents, learning masks, applying masks."""
+    return tuple(
+        progress >= start
+        for start in (settings.geometry_from, settings.latents_from, settings.mask_start, settings.mask_apply)
+    )
 
 
 def densification_steps(settings: Settings) -> list[int]:
@@ -47,12 +54,16 @@ def densification_steps(settings: Settings) -> list[int]:
 
 
 def contribution_steps(settings: Settings) -> set[int]:
-    """The steps after which Gaussians that no photo needs are removed: soon after growth, and once more when they have settled."""
-    return {_after_growth(settings, fraction) for fraction in CONTRIBUTION_FRACTIONS} if settings.prune_contribution else set()
+    """The steps after which Gaussians that no photo needs are removed:
+    soon after growth, and once more when they have settled."""
+    if not settings.prune_contribution:
+        return set()
+    return {_after_growth(settings, fraction) for fraction in CONTRIBUTION_FRACTIONS}
 
 
 def settled_step(settings: Settings) -> int:
-    """The step after which veils and passers-by are removed: Gaussians have settled, and enough steps are left to close the gaps."""
+    """The step after which veils and passers-by are removed:
+    Gaussians have settled, and enough steps are left to close the gaps."""
     return _after_growth(settings, CONTRIBUTION_FRACTIONS[-1])
 
 

@@ -16,16 +16,19 @@ BLUR = 0.003  # of the picture's diagonal: wider than features are off, so that 
 EDGE = 2 * BLUR  # of the diagonal: nearer to the border the blur invents what it averages
 NEAR_DEGREES = 10.0  # at most this far from a photo that matched it, a point should be seen as well
 NEAR_DISTANCE = 1.5  # and at most this many times as far away, or as near
-FRONT_SHARE, FRONT_POINTS, FRONT_RADIUS = 0.93, 8, 0.03  # a point is hidden by one around it at a smaller share of its depth
+# A point is hidden by one around it at a smaller share of its depth.
+FRONT_SHARE, FRONT_POINTS, FRONT_RADIUS = 0.93, 8, 0.03
 
 
 @dataclass(frozen=True)
 class Sightings:
     """N places in photos where a point is shown, or should be.
 
-    photo, point: (N,) numbers from 0. pixel: (N, 2) in shares of the picture's diagonal. colour: (N, 3) in [0, 1], averaged
+    photo, point: (N,) numbers from 0. pixel: (N, 2) in shares of the picture's diagonal.
+    colour: (N, 3) in [0, 1], averaged
     over BLUR. towards: (N, 3) unit vector from the camera to the point. matched: (N,) whether the photo's features were
-    matched to it; else it is expected there. degrees: (N,) angle at the point to the nearest other photo that matched it.
+    matched to it; else it is expected there. degrees:
+    (N,) angle at the point to the nearest other photo that matched it.
     """
 
     photo: np.ndarray
@@ -47,8 +50,8 @@ class Sightings:
 def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sightings:
     """Where the photos show the points (P, 3; scene frame) that FEWEST_PHOTOS of them matched.
 
-    Expected are points that a photo did not match though one from nearly the same place did: a passer-by may stand before
-    them. Those with other points close by in front are left out: what hides them may be part of the place.
+    Expected are points that a photo did not match though one from nearly the same place did: a passer-by may stand
+    before them. Those with other points close by in front are left out: what hides them may be part of the place.
     """
     photos = spread_over(photos, MOST_PHOTOS)
     chosen, matched = _matches(len(points), photos)
@@ -58,12 +61,18 @@ def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sighting
     distances = np.linalg.norm(rays, axis=2)
     rays /= np.maximum(distances, 1e-12)[..., None]
     degrees = _degrees_to_nearest(rays, distances, matched)
-    parts = [_in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number]) for number, sized in enumerate(photos)]
-    return Sightings(*(np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts), strict=True)))
+    parts = [
+        _in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number])
+        for number, sized in enumerate(photos)
+    ]
+    return Sightings(
+        *(np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts), strict=True))
+    )
 
 
 def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of rows (first, second): for each sighting the nearest one in the same photo whose blur does not touch its own."""
+    """Pairs of rows (first, second): for each sighting the nearest one in the
+    same photo whose blur does not touch its own."""
     first, second = [], []
     for rows in rows_of_each(sightings.photo):
         pixels = sightings.pixel[rows]
@@ -98,7 +107,8 @@ def _matches(count: int, photos: Sequence[SizedPhoto]) -> tuple[np.ndarray, np.n
 
 
 def _degrees_to_nearest(rays: np.ndarray, distances: np.ndarray, matched: np.ndarray) -> np.ndarray:
-    """(P, K) degrees at each point from each photo to the nearest other one that matched it, 180 for none near enough."""
+    """(P, K) degrees at each point from each photo to the nearest other one that matched it,
+    180 for none near enough."""
     largest = np.full(matched.shape, -1.0)
     for number in range(matched.shape[1]):
         rows = matched[:, number]
@@ -110,7 +120,9 @@ def _degrees_to_nearest(rays: np.ndarray, distances: np.ndarray, matched: np.nda
     return np.degrees(np.arccos(np.clip(largest, -1, 1)))
 
 
-def _is_hidden(rows: np.ndarray, pixels: np.ndarray, depths: np.ndarray, inside: np.ndarray, radius: float) -> np.ndarray:
+def _is_hidden(
+    rows: np.ndarray, pixels: np.ndarray, depths: np.ndarray, inside: np.ndarray, radius: float
+) -> np.ndarray:
     """Which of these rows have another point in front of them, within `radius` (px) in the picture.
 
     pixels, depths: (P, 2) and (P,), of all points. inside: (P,), which of these the picture shows.
@@ -119,11 +131,13 @@ def _is_hidden(rows: np.ndarray, pixels: np.ndarray, depths: np.ndarray, inside:
     return (np.append(depths[inside], np.inf)[around] < FRONT_SHARE * depths[rows, None]).any(axis=1)
 
 
-def _in_photo(number: int, sized: SizedPhoto, positions: np.ndarray, rays: np.ndarray, matched: np.ndarray, degrees: np.ndarray) -> Sightings:
+def _in_photo(
+    number: int, sized: SizedPhoto, positions: np.ndarray, rays: np.ndarray, matched: np.ndarray, degrees: np.ndarray
+) -> Sightings:
     """The sightings in one photo.
 
-    number: the photo's. positions: (P, 3) points, scene frame. rays: (P, 3) unit vectors to them. matched: (P,) whether the photo matched them.
-    degrees: (P,), see `_degrees_to_nearest`.
+    number: the photo's. positions: (P, 3) points, scene frame. rays: (P, 3) unit vectors to them. matched: (P,) whether
+    the photo matched them. degrees: (P,), see `_degrees_to_nearest`.
     """
     height, width = sized.pixels.shape[:2]
     diagonal = float(np.hypot(height, width))

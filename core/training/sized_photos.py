@@ -39,7 +39,8 @@ TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targ
 
 
 def check_resolution(resolution: int) -> None:
-    """Raise BadSetting for a width in px at which photos show nothing: most likely it was meant to divide their size."""
+    """Raise BadSetting for a width in px at which photos show nothing:
+    most likely it was meant to divide their size."""
     if resolution not in (UNDECIDED, *DIVISORS) and resolution < SMALLEST_WIDTH_PX:
         raise BadSetting(
             f"resolution={resolution} would make photos {resolution} px wide.",
@@ -49,7 +50,8 @@ def check_resolution(resolution: int) -> None:
 
 @dataclass(frozen=True)
 class Sizes:
-    """What sizes the photos of a run are used at. resolution, encoder_side_px: the settings. factor: divides where resolution is auto."""
+    """What sizes the photos of a run are used at. resolution, encoder_side_px: the settings.
+    factor: divides where resolution is auto."""
 
     resolution: int
     factor: float
@@ -57,7 +59,8 @@ class Sizes:
 
     @staticmethod
     def of(settings: Settings, photos: Sequence[Photo]) -> "Sizes":
-        """Of all photos of a collection: at -r auto the mean one gets the AUTO_PIXELS of the device, and none is enlarged."""
+        """Of all photos of a collection: at -r auto the mean one gets the
+        AUTO_PIXELS of the device, and none is enlarged."""
         mean = sum(photo.camera.width * photo.camera.height for photo in photos) / max(len(photos), 1)
         most = AUTO_PIXELS["cuda" if settings.device == "cuda" else "cpu"]
         return Sizes(settings.resolution, max(1.0, math.sqrt(mean / most)), settings.encoder_side_px)
@@ -78,7 +81,8 @@ class Sizes:
 class SizedPhoto:
     """A photo at the size that it is trained at. camera: at this size. encoder_input: (3, h, w).
 
-    pixels: (H, W, 3) uint8, valid: (H, W) bool or None, and empty: (H, W) uint8 or None are as in core.data.photos.pixels.LoadedPhoto.
+    pixels: (H, W, 3) uint8, valid: (H, W) bool or None, and empty:
+    (H, W) uint8 or None are as in core.data.photos.pixels.LoadedPhoto.
     """
 
     photo: Photo
@@ -96,28 +100,37 @@ class SizedPhoto:
         return (self.empty == 0) & (True if self.valid is None else self.valid)
 
 
-def load_sized_photo(photo: Photo, sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False) -> SizedPhoto:
+def load_sized_photo(
+    photo: Photo, sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False
+) -> SizedPhoto:
     """Decode a photo at the size that it is trained at; BadInput if it is missing or damaged.
 
-    device: of the encoder's input; the pixels stay in the machine's own memory. transparent_is_empty: as `load_photo` has it.
+    device: of the encoder's input; the pixels stay in the machine's own memory.
+    transparent_is_empty: as `load_photo` has it.
     """
     camera = sizes.camera(photo)
     loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
-    return SizedPhoto(photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty)
+    return SizedPhoto(
+        photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty
+    )
 
 
-def as_tensors(pixels: np.ndarray, valid: np.ndarray | None, device: torch.device) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
+def as_tensors(
+    pixels: np.ndarray, valid: np.ndarray | None, device: torch.device
+) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
     """The pixels in [0, 1], and where they are valid, on a device."""
-    return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(device)
+    return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(
+        device
+    )
 
 
 class SizedPhotos(Sequence[SizedPhoto]):
     """Photos of one split at training size, and their targets at the coarse-to-fine size of the moment.
 
-    notes: lines to warn of photos left out for damage that shows only now that they are decoded, and of doubtful masks. device: of the
-    encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it. share_canvas: whether targets are to be laid on one, see `canvas`:
-    False until whoever trains on them sets it.
+    notes: lines to warn of photos left out for damage that shows only now that they are decoded, and of doubtful masks.
+    device: of the encoder's inputs and the targets. transparent_is_empty: as `load_photo` has it. share_canvas: whether
+    targets are to be laid on one, see `canvas`: False until whoever trains on them sets it.
     """
 
     def __init__(
@@ -150,15 +163,17 @@ class SizedPhotos(Sequence[SizedPhoto]):
         return [sized.camera for sized in self.photos]
 
     def canvas(self, factor: int) -> tuple[int, int] | None:
-        """Height and width (px) of what all photos fit on when shrunk by `factor`. None where they share no canvas: if they are not asked to,
-        and where photos would leave most of it empty.
+        """Height and width (px) of what all photos fit on when shrunk by `factor`. None where they share no canvas: if
+        they are not asked to, and where photos would leave most of it empty.
         """
         if not self.share_canvas:
             return None
         if factor not in self._canvases:
             sizes = np.array([_shrunk(sized.camera, factor) for sized in self.photos])
             width, height = sizes.max(axis=0).tolist()
-            self._canvases[factor] = (height, width) if sizes.prod(axis=1).mean() >= LEAST_FILLED * height * width else None
+            self._canvases[factor] = (
+                (height, width) if sizes.prod(axis=1).mean() >= LEAST_FILLED * height * width else None
+            )
         return self._canvases[factor]
 
     def target(self, index: int, factor: int) -> tuple[Camera, Target]:
@@ -181,7 +196,8 @@ class SizedPhotos(Sequence[SizedPhoto]):
             pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
             if valid is not None:
                 cover = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-                valid = cover > (0.5 if cover.max() > 0.5 else cover.max() / 2)  # where nothing is covered by half, what is covered most
+                # Where nothing is covered by half, what is covered most.
+                valid = cover > (0.5 if cover.max() > 0.5 else cover.max() / 2)
             if empty is not None:
                 empty = cv2.resize(empty, size, interpolation=cv2.INTER_AREA)
         shown = as_tensors(pixels, valid, self.device)
@@ -190,7 +206,9 @@ class SizedPhotos(Sequence[SizedPhoto]):
         return Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
 
 
-def _usable(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], report: Report) -> tuple[list[SizedPhoto], list[str]]:
+def _usable(
+    photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], report: Report
+) -> tuple[list[SizedPhoto], list[str]]:
     """The photos that `load` can decode, in their order, and lines about the others."""
     usable: list[SizedPhoto] = []
     damaged, last_fault = Reasons(), ""
@@ -203,14 +221,17 @@ def _usable(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], report
                 usable.append(found)
             else:
                 fault = fault_of(photo.name, photo.path, found)
-                shown = "likewise" if fault == last_fault else fault  # all masks may be black, and the line would be long
+                # All masks may be black, and the line would be long.
+                shown = "likewise" if fault == last_fault else fault
                 damaged.add(f"of the {photo.split} split that cannot be used", f"{photo.name} ({shown})")
                 last_fault = fault
         report.progress("Photos", start + len(some), len(photos), some[-1].name)
     return usable, [note.text for note in damaged.notes()]
 
 
-def _decoded(photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decoders: int) -> list[SizedPhoto | BadInput]:
+def _decoded(
+    photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decoders: int
+) -> list[SizedPhoto | BadInput]:
     """What `load` returns or raises for each photo, in their order. decoders: threads at most."""
     found: dict[int, SizedPhoto | BadInput] = {}
 
@@ -234,7 +255,12 @@ def _doubtful_masks(photos: list[SizedPhoto]) -> list[str]:
     left = [1.0 if sized.valid is None else sized.valid.mean() for sized in photos if sized.photo.mask]
     if not left or np.mean(left) >= USUAL_SHARE:
         return []
-    return [f"The masks leave {np.mean(left):.0%} of their photos: white is what is used. Invert them if it marks what is not."]
+    return [
+        (
+            f"The masks leave {np.mean(left):.0%} of their photos: white is what is used. "
+            "Invert them if it marks what is not."
+        )
+    ]
 
 
 def _most_bytes(device: torch.device) -> float:

@@ -1,6 +1,7 @@
 """One training step, from a photo to the update of networks and Gaussians, in the order in which it happens.
 
-A name in `_later` is a result that may still be in computation on another thread or stream: calling it waits for the result.
+A name in `_later` is a result that may still be in computation on another thread or stream:
+calling it waits for the result.
 """
 
 from collections.abc import Callable
@@ -38,10 +39,11 @@ Result = TypeVar("Result")
 class StepInputs:
     """What differs between two steps, on the device that computes them.
 
-    encoder_input: the photo as the encoder takes it. target: the photo as the picture loss takes it. gain: (3,), a random exposure for both, or
-    None. view: the camera, see core.rasterizer.view. rates: learning rates of the Gaussians, see `learning_rates`. network_rates: learning rates
-    of the networks, see `network_updates.rates_at`. gauge_rows: see `Objective.draw_gauge_rows`. The rest follows from the steps before:
-    largest_loss: (), see `guards`. mask_mean: (), see `mask_weights`. neutral: (e,), the mean embedding.
+    encoder_input: the photo as the encoder takes it. target: the photo as the picture loss takes it. gain: (3,), a
+    random exposure for both, or None. view: the camera, see core.rasterizer.view. rates: learning rates of the
+    Gaussians, see `learning_rates`. network_rates: learning rates of the networks, see `network_updates.rates_at`.
+    gauge_rows: see `Objective.draw_gauge_rows`. The rest follows from the steps before: largest_loss: (), see `guards`.
+    mask_mean: (), see `mask_weights`. neutral: (e,), the mean embedding.
     """
 
     encoder_input: Tensor
@@ -75,7 +77,8 @@ class StepInputs:
 class PreparedStep:
     """A step that is ready to be taken: its random numbers are drawn.
 
-    inputs: makes its StepInputs from largest_loss, mask_mean and neutral, which are known only once the previous step is over.
+    inputs: makes its StepInputs from largest_loss, mask_mean and neutral,
+    which are known only once the previous step is over.
     """
 
     moment: Moment
@@ -83,10 +86,11 @@ class PreparedStep:
 
 
 class InView(NamedTuple):
-    """The Gaussians that a step's camera shows. On a GPU there is limited room for them, and what they leave of it is padding.
+    """The Gaussians that a step's camera shows. On a GPU there is limited room for them,
+    and what they leave of it is padding.
 
-    shown: (), how many rows are Gaussians, None for all; see `regularisers.residual_loss`. complete: (), whether there was room for all of them.
-    needed: scalars, the room that all of them take, where room is limited.
+    shown: (), how many rows are Gaussians, None for all; see `regularisers.residual_loss`. complete: (), whether there
+    was room for all of them. needed: scalars, the room that all of them take, where room is limited.
     """
 
     visible: Visible
@@ -127,12 +131,18 @@ class Stepper:
         return PreparedStep(Moment(index, done, progress, camera, background), inputs)
 
     def take(
-        self, gaussians: Gaussians, prepared: PreparedStep, usual: float, mask_mean: float, meanwhile: Callable[[], None]
+        self,
+        gaussians: Gaussians,
+        prepared: PreparedStep,
+        usual: float,
+        mask_mean: float,
+        meanwhile: Callable[[], None],
     ) -> tuple[Reading, StepFacts]:
         """Render a photo's view in its look, compare, and learn; an invalid step teaches nothing.
 
-        usual: the usual picture loss, see `guards`. mask_mean: see `mask_weights`. meanwhile: work of the host while a GPU computes the step; called
-        once or more there, and not on a CPU. Returns what was read from the photo, and the facts as numbers.
+        usual: the usual picture loss, see `guards`. mask_mean: see `mask_weights`. meanwhile: work of the host while a
+        GPU computes the step; called once or more there, and not on a CPU. Returns what was read from the photo, and
+        the facts as numbers.
         """
         largest_loss, mean = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.photos.device).unbind()
         inputs = prepared.inputs(largest_loss=largest_loss, mask_mean=mean, neutral=self.model.mean_embedding)
@@ -141,7 +151,9 @@ class Stepper:
     def forget(self) -> None:
         """Drop what was kept for the present Gaussians, which are about to change in number or to be replaced."""
 
-    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]) -> tuple[Reading, StepFacts]:
+    def _compute(
+        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
+    ) -> tuple[Reading, StepFacts]:
         """Take the step with these inputs, and read its facts back."""
         reading, facts = self._learn(gaussians, inputs, moment)
         return reading, StepFacts(*facts.cpu().tolist())
@@ -155,7 +167,8 @@ class Stepper:
         return InView(self.rasterizer.visible(gaussians.splats, moment.camera))
 
     def _learn(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
-        """The step itself. Its facts are one tensor, so that they are read back at once: those of StepFacts, then `InView.needed`."""
+        """The step itself. Its facts are one tensor, so that they are read back at once:
+        those of StepFacts, then `InView.needed`."""
         model, objective = self.model, self.objective
         if self.optimizer is not None:
             self.optimizer.zero_grad()
@@ -171,9 +184,12 @@ class Stepper:
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
 
-        # Render the visible Gaussians in the photo's look. Gradients end in embedding, leaves and probe (zeros added to the projected centres, px).
+        # Render the visible Gaussians in the photo's look. Gradients end in embedding, leaves and probe (zeros added to
+        # the projected centres, px).
         embedding = reading.embedding.detach().requires_grad_()
-        sh, residual = model.transfer(TransferInput(leaves["sh"], leaves["means"].detach(), leaves.get("latents")), embedding)
+        sh, residual = model.transfer(
+            TransferInput(leaves["sh"], leaves["means"].detach(), leaves.get("latents")), embedding
+        )
         residual_loss_later = self._beside(lambda: objective.residual(residual, shown))
         splats = splats_of(leaves).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)

@@ -1,8 +1,9 @@
 """Training steps on a GPU, recorded as a CUDA graph and replayed.
 
-A step launches some 500 kernels, and for a small scene launching them takes longer than running them. But between two rounds of density control
-steps differ in nothing but numbers: all photos lie on one canvas, and there is room for as many Gaussians as any of them shows. So the kernels of
-one step are recorded, and replayed with other numbers for the steps that follow.
+A step launches some 500 kernels, and for a small scene launching them takes longer than running them. But between two
+rounds of density control steps differ in nothing but numbers: all photos lie on one canvas, and there is room for as
+many Gaussians as any of them shows. So the kernels of one step are recorded, and replayed with other numbers for the
+steps that follow.
 """
 
 import math
@@ -32,9 +33,9 @@ MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # times what one photo shows there is roo
 class StepperOnGpu(Stepper):
     """Takes the same steps as Stepper, and replays recorded ones where `_can_be_replayed`.
 
-    situation: see `_situation`, of the last step. ran: the kinds of steps that ran in this situation, True for those with L_regTS (see
-    `Objective.has_transient_loss`), False for those without. The second step of a kind is recorded, with inputs of its own, into which the inputs of
-    later steps are copied.
+    situation: see `_situation`, of the last step. ran: the kinds of steps that ran in this situation, True for those
+    with L_regTS (see `Objective.has_transient_loss`), False for those without. The second step of a kind is recorded,
+    with inputs of its own, into which the inputs of later steps are copied.
     """
 
     rasterizer: CudaRasterizer
@@ -54,7 +55,9 @@ class StepperOnGpu(Stepper):
         if self.recorder is not None:
             self.recorder.forget()
 
-    def _compute(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]) -> tuple[Reading, StepFacts]:
+    def _compute(
+        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
+    ) -> tuple[Reading, StepFacts]:
         if not can_record(inputs.encoder_input.device):
             return self._compute_with_room(gaussians, inputs, moment, meanwhile)
         self.recorder = self.recorder or Recorder()
@@ -64,7 +67,8 @@ class StepperOnGpu(Stepper):
     def _compute_with_room(
         self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
     ) -> tuple[Reading, StepFacts]:
-        """Take the step, again with more room where there was too little: such a step changes nothing but tells how much it needs."""
+        """Take the step, again with more room where there was too little:
+        such a step changes nothing but tells how much it needs."""
         situation = self._situation(inputs, moment)
         if situation != self.situation:
             self.situation = situation
@@ -84,7 +88,12 @@ class StepperOnGpu(Stepper):
 
     def _situation(self, inputs: StepInputs, moment: Moment) -> tuple:
         """What decides which kernels a step launches, beside the Gaussians and their room."""
-        return inputs.encoder_input.shape, inputs.target.planes.shape, inputs.gain is None, schedule.begun(self.settings, moment.progress)
+        return (
+            inputs.encoder_input.shape,
+            inputs.target.planes.shape,
+            inputs.gain is None,
+            schedule.begun(self.settings, moment.progress),
+        )
 
     def _make_room(self, gaussians: Gaussians, shown: float, pairs: float) -> None:
         most_pairs = memory_budget(gaussians.counts.device) // BYTES_PER_PAIR
@@ -93,7 +102,8 @@ class StepperOnGpu(Stepper):
         self._drop_recordings()
 
     def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> InView:
-        """As many of the Gaussians that the camera shows as there is room for; needed: how many Gaussians and pairs it shows in all."""
+        """As many of the Gaussians that the camera shows as there is room for; needed:
+        how many Gaussians and pairs it shows in all."""
         _, height, width = inputs.target.planes.shape
         visible, needed = self.rasterizer.visible_within(gaussians.splats, inputs.view, (height, width), self.room)
         shown, pairs = needed.unbind()
@@ -103,14 +113,17 @@ class StepperOnGpu(Stepper):
         return super()._beside(work) if self.recorder is None else self.recorder.beside(work)
 
     def _can_be_replayed(self, inputs: StepInputs) -> bool:
-        """Whether only numbers differ between this step and others of its kind in the same situation: not where the host chooses rows of a table,
-        nor where photos share no canvas.
+        """Whether only numbers differ between this step and others of its kind in the same situation: not where the
+        host chooses rows of a table, nor where photos share no canvas.
         """
         tables = self.model.embedding_table is not None or self.settings.mask == "mlp"
         return self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
 
-    def _replay_or_run(self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
-        """Take the step. A recording keeps the memory that it works in: where too little is left beside, this step and all later ones are run."""
+    def _replay_or_run(
+        self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment
+    ) -> tuple[Reading, Tensor]:
+        """Take the step. A recording keeps the memory that it works in:
+        where too little is left beside, this step and all later ones are run."""
         recorder = self.recorder if has_transient_loss in self.ran and self._can_be_replayed(inputs) else None
         try:
             if recorder is None:

@@ -18,7 +18,9 @@ def tell_collection(collection: Collection, report: Report) -> None:
     """What was found, and what of it is not used."""
     splits = ", ".join(f"{len(collection.split(name))} {name}" for name in ("train", "test"))
     photos, points = len(collection.photos), len(collection.points)
-    report.say(f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {counted(points, 'point')}")
+    report.say(
+        f"{collection.name} ({collection.kind}): {counted(photos, 'photo')} ({splits}), {counted(points, 'point')}"
+    )
     for note in collection.notes:
         (report.say if note.harmless else report.warn)(note.text)
 
@@ -31,10 +33,15 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     spread = " to ".join(f"{width}x{height}" for width, height in dict.fromkeys((sizes[0], sizes[-1])))
     settings = trainer.settings
     on_gpu = f" on {device.named(trainer.device)}" if trainer.device.type == "cuda" else ""
-    report.say(f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, at most {counted(settings.max_gaussians, 'Gaussian')}")
+    report.say(
+        f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, "
+        f"at most {counted(settings.max_gaussians, 'Gaussian')}"
+    )
     points = len(trainer.collection.points)
     if points > (most := most_points(settings)):
-        report.say(f"It starts from {most:,} of the {counted(points, 'point')}, as half of the Gaussians are for growth")
+        report.say(
+            f"It starts from {most:,} of the {counted(points, 'point')}, as half of the Gaussians are for growth"
+        )
     if trainer.transparent_is_empty:
         report.say("Transparent pixels are learned as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:

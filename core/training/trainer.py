@@ -38,7 +38,8 @@ MASK_MEAN_RATE = 0.05  # weight of one photo's mask in the running mean of all m
 
 @dataclass(frozen=True)
 class Draw:
-    """A prepared step, and the state it was drawn from: the photos left in this round through all photos, and the random generator's."""
+    """A prepared step, and the state it was drawn from:
+    the photos left in this round through all photos, and the random generator's."""
 
     step: PreparedStep
     order: list[int]
@@ -49,10 +50,11 @@ class Draw:
 class StepReport:
     """What a step tells the user; all but the messages are columns of history.csv.
 
-    step: steps done, this one included. seconds: of training until now, without the checks of held-out photos. gaussians: without the
-    sky. loss: what the step minimised, of which picture_loss is the picture's part. mask_mean: running mean of the masks, 1 where nothing
-    is hidden. residual: mean absolute residual of the harmonics. held_out_psnr (dB), held_out_ssim: None where this step has no check.
-    messages: decisions and warnings worth a line.
+    step: steps done, this one included. seconds: of training until now,
+    without the checks of held-out photos. gaussians: without the
+    sky. loss: what the step minimised, of which picture_loss is the picture's part. mask_mean: running mean of the
+    masks, 1 where nothing is hidden. residual: mean absolute residual of the harmonics. held_out_psnr (dB),
+    held_out_ssim: None where this step has no check. messages: decisions and warnings worth a line.
     """
 
     step: int
@@ -73,8 +75,8 @@ COLUMNS = tuple(item.name for item in dataclasses.fields(StepReport) if item.nam
 class Trainer:
     """One run. On a CPU, interrupting and resuming it changes no bit of the result.
 
-    settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for a resumed run.
-    report: is told how far the decoding of photos is, and what a long step is busy with.
+    settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for
+    a resumed run. report: is told how far the decoding of photos is, and what a long step is busy with.
     """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET):
@@ -82,7 +84,8 @@ class Trainer:
         self.collection, self.folder, self.report = collection, folder, report
         self.generator = torch.Generator().manual_seed(settings.seed)
         self.device = device.chosen(settings.device, settings.backend)
-        # The device is recorded: a run is resumed only on the one it began on, and the sizes of its photos follow from it.
+        # The device is recorded: a run is resumed only on the one it began on, and the sizes of its photos follow from
+        # it.
         settings = settings.changed(device="cuda" if self.device.type == "cuda" else "cpu")
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
@@ -95,16 +98,21 @@ class Trainer:
         settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
         self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)
         self.photos.share_canvas = self.on_cuda_kernels and not self.transparent_is_empty
-        self.held_out = SizedPhotos(collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty)
+        self.held_out = SizedPhotos(
+            collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty
+        )
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
-        if self.model.encoder is not None:  # on the CPU, whatever the device: rounding decides the signs of principal components
+        # On the CPU, whatever the device: rounding decides the signs of principal components.
+        if self.model.encoder is not None:
             self.model.encoder.start_apart(sized.encoder_input.cpu() for sized in self.photos)
         self.model.to(self.device)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
         self.stepper = self._stepper()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
-        self.density = DensityControl(settings, collection.points, self.photos, self.model, self.rasterizer, self.generator, report)
+        self.density = DensityControl(
+            settings, collection.points, self.photos, self.model, self.rasterizer, self.generator, report
+        )
         self.state = RunState.at_start(len(self.photos))
         self.ahead: Draw | None = None  # the next step, if it was prepared while a GPU computed the last one
 
@@ -126,7 +134,8 @@ class Trainer:
     # --- the loop
 
     def train(self) -> Iterator[StepReport]:
-        """Take all remaining steps, yielding a report after each; checkpoints and history.csv are written on the way."""
+        """Take all remaining steps, yielding a report after each;
+        checkpoints and history.csv are written on the way."""
         settings, state = self.settings, self.state
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         saves = schedule.evenly(settings.checkpoints, settings.steps)
@@ -137,7 +146,9 @@ class Trainer:
             state.seconds += time.perf_counter() - start
             psnr, ssim = self.held_out_quality() if state.done in checks else (None, None)
             now, count = state.seconds, self.gaussians.solid
-            report = dataclasses.replace(report, seconds=now, gaussians=count, held_out_psnr=psnr, held_out_ssim=ssim, messages=told)
+            report = dataclasses.replace(
+                report, seconds=now, gaussians=count, held_out_psnr=psnr, held_out_ssim=ssim, messages=told
+            )
             if state.done in checks or state.done % max(1, settings.steps // 100) == 0:
                 history.add_row(self.folder, COLUMNS, vars(report))
             if state.done in saves:
@@ -168,7 +179,9 @@ class Trainer:
             self.model.remember(reading.embedding, moment.index)
             messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, moment.progress)
         else:
-            messages = [self._skip(moment.index, fault, "taught the networks nothing" if facts.taken else "was skipped")]
+            messages = [
+                self._skip(moment.index, fault, "taught the networks nothing" if facts.taken else "was skipped")
+            ]
         return StepReport(
             step=state.done,
             seconds=state.seconds,
@@ -191,12 +204,16 @@ class Trainer:
             return []
         state.collapse_told = True
         return [
-            f"The masks hide {1 - state.mask_mean:.0%} of the photos and are held at {1 - mask_weights.LEAST_STATIC:.0%} from "
+            (
+                f"The masks hide {1 - state.mask_mean:.0%} of the photos and are held at "
+                f"{1 - mask_weights.LEAST_STATIC:.0%} from "
+            )
             + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
         ]
 
     def _skip(self, index: int, fault: str, outcome: str) -> str:
-        """Count an invalid step; its warning, or, after SKIPS_TO_STOP of them in a row, a checkpoint and TrainingStopped."""
+        """Count an invalid step; its warning, or, after SKIPS_TO_STOP of them in a row,
+        a checkpoint and TrainingStopped."""
         state, name = self.state, self.photos[index].photo.name
         state.skipped += 1
         state.skipped_in_a_row += 1
@@ -205,7 +222,8 @@ class Trainer:
             self.change_gaussians()  # now, because the resumed run begins with the next step
             path = self.save()
             raise TrainingStopped(
-                f"{SKIPS_TO_STOP} steps in a row were invalid; in the last one, the {fault} (photo {name}). Saved {path}.",
+                f"{SKIPS_TO_STOP} steps in a row were invalid; "
+                f"in the last one, the {fault} (photo {name}). Saved {path}.",
                 "Lower the learning rates (`--set mean_rate=...`) or remove the photo, then train again.",
             )
         return f"Step {state.done} {outcome}: its {fault} (photo {name})."
@@ -229,7 +247,8 @@ class Trainer:
                 self.ahead = self._prepare(self.state.done + 1)
 
     def _undo_ahead(self) -> None:
-        """Undo the preparation of the next step, so that `order` and the random generator are as the last step left them."""
+        """Undo the preparation of the next step, so that `order` and the
+        random generator are as the last step left them."""
         if self.ahead is not None:
             self._undo_draw(self.ahead.order, self.ahead.random_state)
 
@@ -259,23 +278,33 @@ class Trainer:
     def save(self) -> Path:
         """Write a checkpoint from which `resume` continues, bit for bit on a CPU."""
         self._undo_ahead()
-        parts = {"gaussians": self.gaussians.tensors(), "model": self.model.state_dict(), "random": {"generator": self.generator.get_state()}}
+        parts = {
+            "gaussians": self.gaussians.tensors(),
+            "model": self.model.state_dict(),
+            "random": {"generator": self.generator.get_state()},
+        }
         if self.optimizer is not None:
             parts["optimizer"] = checkpoint.optimizer_tensors(self.optimizer)
         if self.state.done == self.settings.steps and len(self.model.met_embeddings):
-            parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(sized.encoder_input for sized in self.photos)))
+            parts["encoded"] = dict(
+                zip(("masked", "unmasked"), self.model.encoded(sized.encoder_input for sized in self.photos))
+            )
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
         facts = {"step": self.state.done, "sky": self.gaussians.sky, "trainer": dataclasses.asdict(self.state)}
         facts["photos"] = [sized.photo.name for sized in self.photos]
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:
-        """Restore the state of a checkpoint; KeyError, TypeError, ValueError or RuntimeError if it is of another collection or other settings."""
+        """Restore the state of a checkpoint; KeyError, TypeError,
+        ValueError or RuntimeError if it is of another collection or other settings."""
         state = RunState(**saved.facts["trainer"])
         state.check_photos(len(self.photos))
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:
-            raise ValueError(f"Gaussians of another kind than its settings ask for: {gaussians.kind} instead of {self.gaussians.kind}")
+            raise ValueError(
+                "Gaussians of another kind than its settings ask for: "
+                f"{gaussians.kind} instead of {self.gaussians.kind}"
+            )
         self._forget_gaussians()
         self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import click
 
-from core import config
-from core.config import PRESETS, Settings
+from core import presets
+from core.config import Settings
 from core.evaluation import PROTOCOLS
+from core.presets import PRESETS
 from core.setting import UNDECIDED
 
 PATH = click.Path(path_type=Path)
@@ -16,7 +17,9 @@ Decorator = Callable[[Callable], Callable]
 
 scene = click.argument("scene", type=PATH)
 # All are there, or none is begun with.
-scenes = click.argument("scenes", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False))
+scenes = click.argument(
+    "scenes", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False)
+)
 run = click.argument("run_folder", metavar="[RUN]", type=PATH, required=False)
 preset = click.option("--preset", "preset_name", default="quick", show_default=True, type=click.Choice(sorted(PRESETS)))
 
@@ -40,13 +43,17 @@ def seeds(default: int, what: str) -> Decorator:
 
 def protocol(*default: str) -> Decorator:
     kinds = click.Choice(list(PROTOCOLS))
-    return click.option("--protocol", "protocols", multiple=True, default=default, show_default=True, type=kinds, help="Repeatable.")
+    return click.option(
+        "--protocol", "protocols", multiple=True, default=default, show_default=True, type=kinds, help="Repeatable."
+    )
 
 
 def output(default: str) -> Decorator:
-    return click.option("-o", "--output", default=Path(default), show_default=True, type=PATH, help="Folder of the runs.")
+    return click.option(
+        "-o", "--output", default=Path(default), show_default=True, type=PATH, help="Folder of the runs."
+    )
 
 
 def settings_of(preset_name: str, steps: int | None, **changes) -> Settings:
     """The preset with these changes, and with its own steps where none are given."""
-    return config.preset(preset_name).changed(**changes, **({"steps": steps} if steps else {}))
+    return presets.preset(preset_name).changed(**changes, **({"steps": steps} if steps else {}))

@@ -15,16 +15,26 @@ from core.system.threads import in_parallel
 from samples.measurements.scenes import BAKED, COEFFICIENTS, DEGREE
 from samples.measurements.stopwatch import CPU, WALL, Stopwatch
 
-BAKED_GAUSSIANS, BAKES = 1_000_000, 15  # so many that the first, which wait for memory not used before, do not move the median
+# So many that the first, which wait for memory not used before, do not move the median.
+BAKED_GAUSSIANS, BAKES = 1_000_000, 15
 
 
 def measure_bake(scale: float) -> dict:
-    """A look baked, and written as a .ply. The products alone are of blocks that stay in the cache, written into memory that is allocated before."""
+    """A look baked, and written as a .ply. The products alone are of blocks that stay in the cache,
+    written into memory that is allocated before."""
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
     model, latents = AppearanceModel(BAKED, ()), torch.randn(count, BAKED.latent_size)
-    hidden, output = (layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer))
-    weights = [hidden.feature_weight, hidden.place_weight, *hidden.hidden_weights, output.output_weight, output.skip_weight]
+    hidden, output = (
+        layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer)
+    )
+    weights = [
+        hidden.feature_weight,
+        hidden.place_weight,
+        *hidden.hidden_weights,
+        output.output_weight,
+        output.skip_weight,
+    ]
     factors = [(torch.randn(ROWS, weight.shape[1]), weight.detach().T) for weight in weights]
     own = threading.local()  # each thread's own products
 
@@ -46,5 +56,8 @@ def measure_bake(scale: float) -> dict:
         parts = stopwatch.repeat(partial(bake, Path(folder) / "look.ply"), 1, BAKES)
     bake_s, products_s = (parts[part]["median"] for part in ("bake", "matrix products alone"))
     facts = {"gaussians": count, "sh_degree": DEGREE, "transfer_width": BAKED.transfer_width}
-    facts |= {name: round(bake_s[kind] / products_s[kind], 2) for name, kind in (("times_the_products", CPU), ("in_wall_time", WALL))}
+    facts |= {
+        name: round(bake_s[kind] / products_s[kind], 2)
+        for name, kind in (("times_the_products", CPU), ("in_wall_time", WALL))
+    }
     return {"parts": parts, "facts": facts}

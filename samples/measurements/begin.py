@@ -7,7 +7,8 @@ from core.system.process import prepare
 
 
 def begin() -> None:
-    """Set up the process before torch is imported. Until the script's command runs, which answers Ctrl-C itself, Ctrl-C ends it without a word."""
+    """Set up the process before torch is imported.
+    Until the script's command runs, which answers Ctrl-C itself, Ctrl-C ends it without a word."""
     prepare()
     sys.excepthook = _tell
 

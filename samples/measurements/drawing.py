@@ -37,7 +37,9 @@ def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatc
     rows = visible.rows
     leaves = Splats(**{name: copy.requires_grad_() for name, copy in chosen_rows(scene.tensors(), rows).items()})
     lap("visible, lists, gather")
-    image = backend.render(leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), known=visible.known)
+    image = backend.render(
+        leaves, camera, probe=torch.zeros(len(rows), 2, requires_grad=True, device=rows.device), known=visible.known
+    )
     lap("rasterizer forward")
     image.backward(torch.ones_like(image))
     lap("rasterizer backward")
@@ -55,8 +57,9 @@ def measure_rasterizer(scale: float) -> dict:
 def measure_plain_torch(scale: float) -> dict:
     """The same picture by both backends, a sample of tiles for the one in plain torch.
 
-    The reference looks at every Gaussian in every pixel. So it gets one tile at a time and only the Gaussians that touch it, which are found
-    beforehand and not timed: as good as plain torch can be without a kernel. It runs on one thread; on two, its CPU time would be larger.
+    The reference looks at every Gaussian in every pixel. So it gets one tile at a time and only the Gaussians that
+    touch it, which are found beforehand and not timed: as good as plain torch can be without a kernel. It runs on one
+    thread; on two, its CPU time would be larger.
     """
     (scene, camera), fast, plain = garden_of(scale), rasterizer.create("cpu"), rasterizer.create("reference")
     parts = {"cpu": Stopwatch().repeat(partial(draw, fast, scene, camera), 2, RENDERS)["whole"]}
@@ -111,10 +114,11 @@ def measure_growth_in_pixels(scale: float) -> dict:
 
 
 def growth(what: str, cases: list[tuple[int, Camera]]) -> dict:
-    """CPU time and peak memory of each case (Gaussians, camera), and how both grow. what: the size that grows, one of GROWTH_COLUMNS.
+    """CPU time and peak memory of each case (Gaussians, camera), and how both grow.
+    what: the size that grows, one of GROWTH_COLUMNS.
 
-    exponent: the slope of log time over log size by least squares, over all sizes and over the larger half, where constant costs count less.
-    bytes: the slope of peak memory over size.
+    exponent: the slope of log time over log size by least squares, over all sizes and over the larger half, where
+    constant costs count less. bytes: the slope of peak memory over size.
     """
     backend, rows = rasterizer.create("cpu"), []
     for number, (count, camera) in enumerate(cases):

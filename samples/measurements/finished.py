@@ -18,11 +18,12 @@ from core.training.on_disk import run_folders
 
 
 def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[str], report: Report) -> dict:
-    """The figures of `settings` on `scene`, by protocol as in results.json, under "results"; the .ply's size under "bytes".
+    """The figures of `settings` on `scene`, by protocol as in results.json, under "results";
+    the .ply's size under "bytes".
 
-    They are kept beside the run's folder, in FOLDER.json, with the scene and settings, and not measured twice; delete the file to train
-    again. A run with other settings is replaced. Raises BadInput, before that, for what is no scene, where nothing can be written, and where the
-    run is of another scene (folders called `dense` or `images` are many).
+    They are kept beside the run's folder, in FOLDER.json, with the scene and settings, and not measured twice; delete
+    the file to train again. A run with other settings is replaced. Raises BadInput, before that, for what is no scene,
+    where nothing can be written, and where the run is of another scene (folders called `dense` or `images` are many).
     """
     path = folder.with_name(f"{folder.name}.json")
     key = {"scene": str(scene.resolve()), "settings": settings.to_json()}
@@ -53,10 +54,11 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
 
 
 def with_split(scene: Path, table: Path, folder: Path) -> Path:
-    """A copy of `scene` that is split as the .tsv `table` says: choices are made by another split than the one by which figures are published.
+    """A copy of `scene` that is split as the .tsv `table` says:
+    choices are made by another split than the one by which figures are published.
 
-    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput for what is no split table, and if there is such a folder of another scene or with
-    another split, to which older figures belong.
+    It is a folder of links, FOLDER/SCENE-TABLE. Raises BadInput for what is no split table, and if there is such a
+    folder of another scene or with another split, to which older figures belong.
     """
     read_split_table(table)
     made = folder / f"{scene.resolve().name}-{table.stem}"

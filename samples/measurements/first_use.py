@@ -18,7 +18,10 @@ def measure_first_use(scale: float) -> dict:
     compiling = sum(cold.values()) - sum(warm.values())
     rows = [[part, round(cold[part], 2), round(warm[part], 2)] for part in cold]
     rows.append(["whole", round(sum(cold.values()), 2), round(sum(warm.values()), 2)])
-    facts = {"compiling_s": round(compiling, 1), "kernels_from_cache_s": round(warm["first step"] - warm["second step"], 2)}
+    facts = {
+        "compiling_s": round(compiling, 1),
+        "kernels_from_cache_s": round(warm["first step"] - warm["second step"], 2),
+    }
     return {"parts": {}, "facts": facts, "series": {"columns": ["wall s", "empty cache", "from cache"], "rows": rows}}
 
 

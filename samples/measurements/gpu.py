@@ -11,7 +11,8 @@ LAUNCHES = ("cudaLaunchKernel", "cuLaunchKernel", "cudaLaunchKernelExC", "cuLaun
 WAITS = ("cudaStreamSynchronize", "cudaEventSynchronize", "cudaMemcpy")  # not cudaDeviceSynchronize: the profiler's own
 COPIED_BYTES = 1 << 30
 REGISTER_STEP, WARP = 256, 32  # registers are handed out to warps in such steps
-BLOCKS_MOST = {(7, 5): 16, (8, 6): 16, (8, 7): 16, (8, 9): 24}  # blocks an SM, by capability; 32 on others (CUDA's programming guide)
+# Blocks an SM, by capability; 32 on others (CUDA's programming guide).
+BLOCKS_MOST = {(7, 5): 16, (8, 6): 16, (8, 7): 16, (8, 9): 24}
 RESERVED_SHARED = 1024  # bytes that the driver takes of every block's shared memory
 
 
@@ -69,7 +70,8 @@ def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -
 
 
 def copy_bandwidth(place: Place) -> float:
-    """Bytes per second that a copy within the GPU's memory reads and writes: the ceiling for anything that only moves bytes."""
+    """Bytes per second that a copy within the GPU's memory reads and writes:
+    the ceiling for anything that only moves bytes."""
     size = COPIED_BYTES if place.device.type == "cuda" else 1 << 16
     source, target = (torch.empty(size, dtype=torch.uint8, device=place.device) for _ in range(2))
     return 2 * size / GpuStopwatch(place).repeat(lambda: target.copy_(source), 2, 9)["whole"]
@@ -77,7 +79,8 @@ def copy_bandwidth(place: Place) -> float:
 
 @dataclass(frozen=True)
 class Seen:
-    """What the profiler saw: kernels started, waits of the host, and the seconds of each kernel on the GPU, by its name."""
+    """What the profiler saw: kernels started, waits of the host,
+    and the seconds of each kernel on the GPU, by its name."""
 
     launches: int
     waits: int

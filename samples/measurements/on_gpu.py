@@ -10,8 +10,9 @@ import torch
 from core import export, rasterizer
 from core.appearance import positional_encoding_cuda
 from core.appearance.model import AppearanceModel
-from core.config import LEAST, Settings, preset
+from core.config import LEAST, Settings
 from core.export.ply import read_ply
+from core.presets import preset
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.backend import prepare
 from core.rasterizer.layout import FOOTPRINT_COLUMNS, SLOT_COLUMNS
@@ -29,7 +30,8 @@ from samples.measurements.targets import Line
 
 GAUSSIANS, SIZE_PX = 1_000_000, (1920, 1080)
 STEP_SIZES = (10_000, STEP_GAUSSIANS)
-PAPER_GAUSSIANS, PAPER_STEPS_TIMED = 300_000, 1000  # strewn over the sample, in photos as much larger; steps of its 150,000
+# Strewn over the sample, in photos as much larger; steps of its 150,000.
+PAPER_GAUSSIANS, PAPER_STEPS_TIMED = 300_000, 1000
 WARM_UP, TIMES, STEPS = 5, 25, 50
 KERNEL_MODULES = (
     *(project, bin, blend_forward, blend_backward, project_backward),
@@ -53,8 +55,13 @@ def against(seconds: float, theirs: float) -> str:
 
 
 def measure_picture(place: Place) -> Iterable[Line]:
-    """Forward and backward, by parts; the same beside gsplat's, taking turns, and the difference between the two pictures."""
-    (scene, camera), backend, stopwatch = scene_of(place), rasterizer.create("cuda", place.device.type), GpuStopwatch(place)
+    """Forward and backward, by parts; the same beside gsplat's, taking turns,
+    and the difference between the two pictures."""
+    (scene, camera), backend, stopwatch = (
+        scene_of(place),
+        rasterizer.create("cuda", place.device.type),
+        GpuStopwatch(place),
+    )
     what = f"forward + backward, {len(scene):,} Gaussians, {camera.width} x {camera.height}"
     parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), WARM_UP, TIMES)
     yield Line(f"{what}, by parts", "", ", ".join(f"{part} {milliseconds(spent)}" for part, spent in parts.items()))
@@ -73,13 +80,18 @@ def measure_picture(place: Place) -> Iterable[Line]:
     yield Line(what, "1.5x faster than gsplat", against(medians["ours"], medians["theirs"]))
     with torch.no_grad():
         difference = (backend.render(scene, camera) - peer.picture(other, scene, camera)[0]).abs()
-    beyond = (difference > PICTURES_ALIKE).any(dim=2)  # where an alpha stands at its threshold: gsplat rounds by fast-math
-    found = f"mean {float(difference.mean()):.1e}; {int(beyond.sum())} of {beyond.numel():,} pixels beyond, by {float(difference.max()):.1e} at most"
+    # Where an alpha stands at its threshold: gsplat rounds by fast-math.
+    beyond = (difference > PICTURES_ALIKE).any(dim=2)
+    found = (
+        f"mean {float(difference.mean()):.1e}; "
+        f"{int(beyond.sum())} of {beyond.numel():,} pixels beyond, by {float(difference.max()):.1e} at most"
+    )
     yield Line("picture against gsplat's, constants equal", f"within {PICTURES_ALIKE:.0e}", found)
 
 
 def measure_baked(place: Place) -> Iterable[Line]:
-    """Frames per second of a baked look and of a .ply of the same Gaussians into which no look was baked, taking turns."""
+    """Frames per second of a baked look and of a .ply of the same Gaussians
+    into which no look was baked, taking turns."""
     (scene, camera), backend = scene_of(place), rasterizer.create("cuda", place.device.type)
     model = AppearanceModel(BAKED, ()).to(place.device)
     latents = torch.zeros(len(scene), BAKED.latent_size, device=place.device)
@@ -91,7 +103,11 @@ def measure_baked(place: Place) -> Iterable[Line]:
     with torch.no_grad():
         medians = in_turns(place, {name: partial(backend.render, look, camera) for name, look in looks.items()}, TIMES)
     what = f"{len(scene):,} baked Gaussians at {camera.width} x {camera.height}"
-    yield Line(what, "over 300 frames a second", f"{1 / medians['baked']:.0f} frames a second, {milliseconds(medians['baked'])}")
+    yield Line(
+        what,
+        "over 300 frames a second",
+        f"{1 / medians['baked']:.0f} frames a second, {milliseconds(medians['baked'])}",
+    )
     yield Line("a baked look against a vanilla .ply", "1.00 +- 0.02", f"{medians['baked'] / medians['vanilla']:.3f}")
 
 
@@ -107,11 +123,15 @@ def trainer_at(place: Place, gaussians: int, settings: Settings) -> Trainer:
 
 
 def measure_steps(place: Place) -> Iterable[Line]:
-    """Whole steps on few Gaussians and on the usual number; on the same ones, gsplat's steps with its appearance MLP."""
+    """Whole steps on few Gaussians and on the usual number;
+    on the same ones, gsplat's steps with its appearance MLP."""
     for gaussians in STEP_SIZES:
         trainer = trainer_at(place, gaussians, Settings(appearance="full", transients="on", sh_degree=1, **LEAST))
         camera, target = trainer.photos.target(0, 1)
-        what = f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, {camera.width} x {camera.height}"
+        what = (
+            f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, "
+            f"{camera.width} x {camera.height}"
+        )
         found = profiled(trainer.step, place)
         busy = sum(found.kernels.values())
         spent = f"{found.launches} launches, {found.waits} waits, {milliseconds(busy)} of the GPU"
@@ -121,7 +141,9 @@ def measure_steps(place: Place) -> Iterable[Line]:
             theirs = peer.PeerTrainer(other, trainer.gaussians.splats, len(trainer.photos))
             works["theirs"] = partial(theirs.step, 0, camera, target)
         medians = in_turns(place, works, STEPS)
-        compared = against(medians["ours"], medians["theirs"]) if other else f"{milliseconds(medians['ours'])}; {MISSING}"
+        compared = (
+            against(medians["ours"], medians["theirs"]) if other else f"{milliseconds(medians['ours'])}; {MISSING}"
+        )
         yield Line(f"{what}, against gsplat's with an appearance MLP", "1.5x faster", compared)
 
 
@@ -136,12 +158,15 @@ def measure_paper(place: Place) -> Iterable[Line]:
 
     thousand = GpuStopwatch(place).repeat(steps, 0, 1)["whole"] * 1000 / PAPER_STEPS_TIMED
     hours = thousand * settings.steps / 1000 / 3600
-    found = f"{thousand:.1f} s a 1,000 steps on {trainer.gaussians.solid:,} Gaussians: {hours:.1f} h for {settings.steps:,}"
+    found = (
+        f"{thousand:.1f} s a 1,000 steps on {trainer.gaussians.solid:,} Gaussians: {hours:.1f} h for {settings.steps:,}"
+    )
     yield Line("preset `paper`", "1.8 h on an RTX 4090 (the paper's)", found)
 
 
 def measure_kernels(place: Place) -> Iterable[Line]:
-    """Each kernel of the rasterizer: the bytes that it must move per second, as a share of a copy's; and what it takes of a multiprocessor."""
+    """Each kernel of the rasterizer: the bytes that it must move per second, as a share of a copy's;
+    and what it takes of a multiprocessor."""
     (scene, camera), backend = scene_of(place), rasterizer.create("cuda", place.device.type)
     ceiling = copy_bandwidth(place)
     yield Line("a copy within the memory", "the ceiling", f"{ceiling / 1e9:.0f} GB/s")
@@ -149,7 +174,10 @@ def measure_kernels(place: Place) -> Iterable[Line]:
     times = profiled(lambda: draw(backend, scene, camera), place).kernels
     for name, size in bytes_moved(scene, backend, camera).items():
         if name in times:
-            found = f"{milliseconds(times[name])}, {size / times[name] / 1e9:.0f} GB/s, {size / times[name] / ceiling:.0%} of the copy's"
+            found = (
+                f"{milliseconds(times[name])}, {size / times[name] / 1e9:.0f} GB/s, "
+                f"{size / times[name] / ceiling:.0%} of the copy's"
+            )
             yield Line(f"{name}: {size / 1e6:.0f} MB", "", found)
     card = torch.cuda.get_device_properties(place.device) if place.device.type == "cuda" else None
     for name, registers, spilled, share in compiled(KERNEL_MODULES, card):

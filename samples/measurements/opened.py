@@ -20,4 +20,7 @@ def opened(folder: Path | None) -> tuple[TrainedRun, tuple[Photo, ...]]:
 def check_looks(trained: TrainedRun) -> None:
     """Raise BadInput for a run that reads nothing from photos."""
     if not trained.has_looks:
-        raise BadInput(f"{trained.folder} has one look only: nothing is read from photos.", "Take a run with appearance=full or exposure.")
+        raise BadInput(
+            f"{trained.folder} has one look only: nothing is read from photos.",
+            "Take a run with appearance=full or exposure.",
+        )

@@ -31,7 +31,8 @@ def with_equal_constants(splats: Splats) -> Splats:
 
 
 def picture(peer: ModuleType, splats: Splats, camera: Camera, colours: Tensor | None = None) -> tuple[Tensor, dict]:
-    """The picture (height, width, 3) by gsplat, and what its density control needs to know. colours: (N, 3), instead of the harmonics."""
+    """The picture (height, width, 3) by gsplat, and what its density control needs to know.
+    colours: (N, 3), instead of the harmonics."""
     rotation, centre = torch.tensor(camera.world_to_camera), torch.tensor(camera.centre)
     view = torch.eye(4, dtype=torch.float64)
     view[:3, :3], view[:3, 3] = rotation, -rotation @ centre
@@ -39,14 +40,16 @@ def picture(peer: ModuleType, splats: Splats, camera: Camera, colours: Tensor | 
     image, _, info = peer.rasterization(
         means=splats.means, quats=splats.quaternions, scales=torch.exp(splats.log_scales),
         opacities=torch.sigmoid(splats.logit_opacities), colors=splats.sh if colours is None else colours,
-        sh_degree=splats.degree if colours is None else None, viewmats=view[None].to(splats.means), Ks=lens[None].to(splats.means),
+        sh_degree=splats.degree if colours is None else None,
+        viewmats=view[None].to(splats.means), Ks=lens[None].to(splats.means),
         width=camera.width, height=camera.height, near_plane=NEAR, eps2d=BLUR_PX2, packed=False,
     )  # fmt: skip
     return image[0], info
 
 
 class PeerTrainer:
-    """A training step as in gsplat's simple_trainer with `app_opt`: an MLP of (embedding, features, direction) gives the colours."""
+    """A training step as in gsplat's simple_trainer with `app_opt`:
+    an MLP of (embedding, features, direction) gives the colours."""
 
     def __init__(self, peer: ModuleType, splats: Splats, photos: int):
         self.peer, device = peer, splats.means.device

@@ -1,4 +1,5 @@
-"""Plain 3DGS as gsplat trains it: its two kinds of density control, with the learning rates and schedule of its simple_trainer."""
+"""Plain 3DGS as gsplat trains it: its two kinds of density control,
+with the learning rates and schedule of its simple_trainer."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +28,8 @@ TIMES = ("refine_start_iter", "refine_stop_iter", "refine_every", "reset_every")
 
 @dataclass(frozen=True)
 class Control:
-    """A kind of density control. strategy: gsplat's class. opacity, scale: at the start. regularised: opacities and scales cost 0.01 each."""
+    """A kind of density control. strategy: gsplat's class. opacity, scale: at the start.
+    regularised: opacities and scales cost 0.01 each."""
 
     strategy: str
     opacity: float
@@ -49,14 +51,16 @@ def trained_by(
     seed: int,
     told: Callable[[int, int, str], None],
 ) -> Splats:
-    """Train from the SfM points on `photos`. most: Gaussians, where the control has a limit. told: called with the steps done, all of them, and
-    what is to be said of the last."""
+    """Train from the SfM points on `photos`. most: Gaussians, where the control has a limit. told: called with the
+    steps done, all of them, and what is to be said of the last."""
     torch.manual_seed(seed)
     centres = np.stack([camera.centre for camera in photos.cameras])
     extent = FIRST_SCALE * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
     parameters = first_parameters(collection, control, degree, photos.device)
     rates = RATES | {"means": RATES["means"] * extent}
-    optimizers = {name: torch.optim.Adam([tensor], lr=rates[name], eps=1e-15, fused=True) for name, tensor in parameters.items()}
+    optimizers = {
+        name: torch.optim.Adam([tensor], lr=rates[name], eps=1e-15, fused=True) for name, tensor in parameters.items()
+    }
     decay = torch.optim.lr_scheduler.ExponentialLR(optimizers["means"], LAST_MEAN_RATE ** (1 / steps))
     strategy = strategy_of(peer, control, steps, most)
     strategy.check_sanity(parameters, optimizers)
@@ -72,7 +76,9 @@ def trained_by(
             strategy.step_pre_backward(parameters, optimizers, state, step, info)
         loss = photometric(image, target, None, SSIM_WEIGHT)
         if control.regularised:
-            loss = loss + 0.01 * (torch.sigmoid(parameters["opacities"]).mean() + torch.exp(parameters["scales"]).mean())
+            loss = loss + 0.01 * (
+                torch.sigmoid(parameters["opacities"]).mean() + torch.exp(parameters["scales"]).mean()
+            )
         loss.backward()
         for optimizer in optimizers.values():
             optimizer.step()
@@ -84,7 +90,9 @@ def trained_by(
     return splats_of(parameters, degree).detached()
 
 
-def first_parameters(collection: Collection, control: Control, degree: int, device: torch.device) -> dict[str, torch.nn.Parameter]:
+def first_parameters(
+    collection: Collection, control: Control, degree: int, device: torch.device
+) -> dict[str, torch.nn.Parameter]:
     """Gaussians at all SfM points, as large as the distances to the nearest three, by gsplat's names."""
     points, count = collection.points, len(collection.points)
     distances = cKDTree(points).query(points, k=4)[0][:, 1:]

@@ -17,7 +17,9 @@ USUAL_SIZE_PX = (555, 360)  # as large as real photos are trained on a CPU, core
 GARDEN_GAUSSIANS, GARDEN_SIZE_PX = 140_000, (648, 420)
 DEGREE, COEFFICIENTS = 3, 16  # of the garden and of what is baked; steps have the default degree
 # The default settings for a scene that needs every part.
-BAKED = Settings().decided(appearance="full", transients="on", sh_degree=DEGREE, sky="dome", transparency="unseen", **LEAST)
+BAKED = Settings().decided(
+    appearance="full", transients="on", sh_degree=DEGREE, sky="dome", transparency="unseen", **LEAST
+)
 
 
 def plaza(scale: float, size_px: tuple[int, int]) -> Collection:

@@ -22,7 +22,8 @@ def scores_of(results: list[dict], against: str, look: str, metric: str) -> list
 
 
 def cell(values: Sequence[float | None], form: str, spread: bool = True) -> str:
-    """The mean of the known values and, if there are several, their standard deviation; "-" if there are none. form: as of `str.format`."""
+    """The mean of the known values and, if there are several, their standard deviation; "-" if there are none.
+    form: as of `str.format`."""
     known = [value for value in values if value is not None]
     if not known:
         return "-"

@@ -17,7 +17,8 @@ PLAIN = Settings(appearance="off", transients="off", sh_degree=1, device="cpu")
 
 
 def trainer_of(scale: float, settings: Settings, size_px: tuple[int, int] = STEP_SIZE_PX) -> Trainer:
-    """A Trainer in the middle of its run, with masks at work. scale: decides the number of Gaussians and of pixels, whatever `settings` say."""
+    """A Trainer in the middle of its run, with masks at work.
+    scale: decides the number of Gaussians and of pixels, whatever `settings` say."""
     most = round(2 * STEP_GAUSSIANS * scale)  # a run starts with half of what it may grow to
     trainer = Trainer(plaza(scale, size_px), settings.changed(resolution=1, max_gaussians=most), Path())
     trainer.state.done = round(PROGRESS * trainer.settings.steps)
@@ -34,7 +35,11 @@ def measure_step(scale: float, settings: Settings) -> dict:
     torch.set_num_threads(threads)
     cameras = trainer.photos.cameras
     visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera).rows) for camera in cameras]
-    facts = {"gaussians": trainer.gaussians.solid, "sky": trainer.gaussians.sky, "sh_degree": trainer.settings.sh_degree}
+    facts = {
+        "gaussians": trainer.gaussians.solid,
+        "sky": trainer.gaussians.sky,
+        "sh_degree": trainer.settings.sh_degree,
+    }
     facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}
     facts |= {"threads": threads, "cpu_ms": round(1e3 * whole[CPU], 1), "wall_ms": round(1e3 * whole[WALL], 1)}
     return {"parts": parts, "facts": facts | {"size_px": f"{cameras[0].width} x {cameras[0].height}"}}
@@ -43,8 +48,8 @@ def measure_step(scale: float, settings: Settings) -> dict:
 def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     """Turn the calls that `trainer.step` makes on one thread into laps.
 
-    The backward pass is one call; a hook on a tensor fires in it once everything made from the tensor is done. The last lap of it ends where
-    Adam begins, and includes the check that gradients are finite.
+    The backward pass is one call; a hook on a tensor fires in it once everything made from the tensor is done. The last
+    lap of it ends where Adam begins, and includes the check that gradients are finite.
     """
     outermost = True
 
@@ -76,6 +81,11 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
     watch(trainer.objective, "picture", "picture loss", lambda loss: loss, "mask, regularisers")
     watch(trainer.objective, "transient", "mask, regularisers")
     watch(trainer.objective, "mask", "mask, regularisers", before="mask, regularisers")
-    watch(trainer.gaussians, "step", "Adam", before="encoder backward" if trainer.model.encoder else "SH transfer backward")
+    watch(
+        trainer.gaussians,
+        "step",
+        "Adam",
+        before="encoder backward" if trainer.model.encoder else "SH transfer backward",
+    )
     if trainer.optimizer is not None:
         watch(trainer.optimizer, "step", "Adam", before="Adam")

@@ -30,14 +30,23 @@ def _cpu(measured: dict, part: str = "whole") -> float:
 
 def _rasterizer(measured: dict) -> Line:
     seconds = _cpu(measured)
-    what = f"rasterizer, forward + backward, {measured['facts']['gaussians']:,} Gaussians, {measured['facts']['size_px']}"
-    return Line(what, f"{OPENSPLAT_CPU_S / 8:.3f} CPU-s", f"{seconds:.3f} CPU-s, {OPENSPLAT_CPU_S / seconds:.1f}x below {OPENSPLAT_CPU_S}")
+    what = (
+        f"rasterizer, forward + backward, {measured['facts']['gaussians']:,} Gaussians, {measured['facts']['size_px']}"
+    )
+    return Line(
+        what,
+        f"{OPENSPLAT_CPU_S / 8:.3f} CPU-s",
+        f"{seconds:.3f} CPU-s, {OPENSPLAT_CPU_S / seconds:.1f}x below {OPENSPLAT_CPU_S}",
+    )
 
 
 def _plain_torch(measured: dict) -> Line:
     facts = measured["facts"]
     errors = f"picture within {facts['picture_error']}, gradients within {facts['gradient_error']}"
-    found = f"{facts['times']:.0f}x: {_cpu(measured, 'cpu'):.3f} against {_cpu(measured, 'plain torch'):.1f} CPU-s; {errors}"
+    found = (
+        f"{facts['times']:.0f}x: {_cpu(measured, 'cpu'):.3f} against "
+        f"{_cpu(measured, 'plain torch'):.1f} CPU-s; {errors}"
+    )
     return Line("the same against plain torch", "100x", found)
 
 
@@ -47,7 +56,10 @@ def _step(measured: dict) -> Line:
     largest = max(others, key=others.get)
     share = others[largest] / _cpu(measured)
     facts = measured["facts"]
-    found = f"{1e-3 * facts['cpu_ms']:.3f} CPU-s, {1e-3 * facts['wall_ms']:.3f} s wall on {counted(facts['threads'], 'thread')}; "
+    found = (
+        f"{1e-3 * facts['cpu_ms']:.3f} CPU-s, "
+        f"{1e-3 * facts['wall_ms']:.3f} s wall on {counted(facts['threads'], 'thread')}; "
+    )
     found += f"the largest other part is {largest}, {share:.0%}"
     return Line("a step with everything on", "0.10 CPU-s, no part but rasterizer and SH transfer above 10 %", found)
 
@@ -60,7 +72,10 @@ def _plain_step(measured: dict) -> Line:
 
 def _growth(measured: dict, what: str) -> Line:
     facts = measured["facts"]
-    found = f"exponent {facts['exponent']:.2f}, larger half {facts['exponent_of_larger']:.2f}; {facts['bytes_a_' + what[:-1]]} bytes a {what[:-1]}"
+    found = (
+        f"exponent {facts['exponent']:.2f}, larger half {facts['exponent_of_larger']:.2f}; "
+        f"{facts['bytes_a_' + what[:-1]]} bytes a {what[:-1]}"
+    )
     return Line(f"growth of the rasterizer in {what}", "exponent 1", found)
 
 

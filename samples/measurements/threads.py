@@ -1,4 +1,5 @@
-"""Two threads against one: they take turns at the same work, so that whatever else the machine does affects both alike."""
+"""Two threads against one: they take turns at the same work,
+so that whatever else the machine does affects both alike."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +18,8 @@ ONE, TWO = WAYS
 
 
 def measure_threads(scale: float) -> dict:
-    """The garden's picture and gradients, and whole steps of two sizes with everything on; speed-ups are of wall time."""
+    """The garden's picture and gradients, and whole steps of two sizes with everything on;
+    speed-ups are of wall time."""
     scene, camera = garden_of(scale)
     backend = rasterizer.create("cpu")
     works = {"rasterizer": lambda: draw(backend, scene, camera)}

@@ -22,7 +22,11 @@ class View:
         """Unit world directions (3, H * W) through the point (x, y) in [0, 1] of every pixel."""
         row, column = np.mgrid[0 : self.height, 0 : self.width]
         local = np.stack(
-            [(column.ravel() + x - self.width / 2) / self.focal_px, (row.ravel() + y - self.height / 2) / self.focal_px, np.ones(row.size)]
+            [
+                (column.ravel() + x - self.width / 2) / self.focal_px,
+                (row.ravel() + y - self.height / 2) / self.focal_px,
+                np.ones(row.size),
+            ]
         )
         directions = self.world_to_camera.T @ local
         return (directions / np.linalg.norm(directions, axis=0)).astype(np.float32)
@@ -37,11 +41,19 @@ class View:
     @property
     def dip(self) -> float:
         """How far below the horizon the middle of the lower edge looks, radians."""
-        return float(np.arcsin(np.clip(-self.world_to_camera[2, 2], -1, 1)) + np.arctan(self.height / 2 / self.focal_px))
+        return float(
+            np.arcsin(np.clip(-self.world_to_camera[2, 2], -1, 1)) + np.arctan(self.height / 2 / self.focal_px)
+        )
 
     def shrunk(self, factor: float) -> "View":
         """The same view with fewer pixels."""
-        return View(self.world_to_camera, self.centre, self.focal_px / factor, round(self.width / factor), round(self.height / factor))
+        return View(
+            self.world_to_camera,
+            self.centre,
+            self.focal_px / factor,
+            round(self.width / factor),
+            round(self.height / factor),
+        )
 
 
 def look_at(centre, target, focal_px: float, width: int, height: int, roll: float = 0.0) -> View:
@@ -52,7 +64,9 @@ def look_at(centre, target, focal_px: float, width: int, height: int, roll: floa
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
     c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
-    return View(np.stack([c * right + s * down, -s * right + c * down, forward]), centre, float(focal_px), width, height)
+    return View(
+        np.stack([c * right + s * down, -s * right + c * down, forward]), centre, float(focal_px), width, height
+    )
 
 
 def draw_view(rng: np.random.Generator, azimuth: float) -> View:
@@ -69,11 +83,14 @@ def draw_view(rng: np.random.Generator, azimuth: float) -> View:
     target = np.array([rng.normal(0.5, 3.0), rng.uniform(0, 9), rng.uniform(7.5, 11.5)])
     if tall > 3:
         target[2] = rng.uniform(7, 11)
-    span = rng.uniform(30, 50) / np.linalg.norm(target[:2] - place)  # metres of the building across the long side, by distance
+    # Metres of the building across the long side, by distance.
+    span = rng.uniform(30, 50) / np.linalg.norm(target[:2] - place)
     if rng.random() < 0.16:
         span *= rng.uniform(0.55, 0.75)  # a detail: dome, tower, portico
         target = np.array(
-            [(0, 8, 19.0), (14.6, 5, 17.0), (0, -4, 8.0), (-13, 5, 6.0), (-5.5, -10, 6.0), (6.0, -8.0, 7.0)][rng.integers(6)]
+            [(0, 8, 19.0), (14.6, 5, 17.0), (0, -4, 8.0), (-13, 5, 6.0), (-5.5, -10, 6.0), (6.0, -8.0, 7.0)][
+                rng.integers(6)
+            ]
         ) + rng.normal(0, 0.8, 3)
     focal = float(np.clip(320 / span, 215, 640)) * rng.uniform(0.95, 1.05)
     return look_at([*place, tall], target, focal, width, height, rng.normal(0, 1.3))

@@ -21,7 +21,11 @@ def _column(x, y, bottom, top, radius):
     shaft_low, shaft_high = bottom + 0.42, top - 0.62
     middle, half = (shaft_low + shaft_high) / 2, (shaft_high - shaft_low) / 2
     return [
-        _box((x - 1.35 * radius, y - 1.35 * radius, bottom), (x + 1.35 * radius, y + 1.35 * radius, bottom + 0.2), "marble"),
+        _box(
+            (x - 1.35 * radius, y - 1.35 * radius, bottom),
+            (x + 1.35 * radius, y + 1.35 * radius, bottom + 0.2),
+            "marble",
+        ),
         make("sphere", (x, y, bottom + 0.32), (1.3 * radius, 1.3 * radius, 0.16), "marble"),
         make("frustum", (x, y, middle), (radius, radius, half), "fluted", taper=0.84),
         make("frustum", (x, y, top - 0.42), (0.86 * radius, 0.86 * radius, 0.22), "marble", taper=1.45),
@@ -65,7 +69,13 @@ def portico() -> list[Group]:
     """Eight columns, an entablature with an inscription, and a pediment with reliefs."""
     places = [(x, -5.6) for x in (-7.6, -4.55, -1.55, 1.55, 4.55, 7.6)] + [(-7.6, -2.6), (7.6, -2.6)]
     columns = [group(_column(x, y, PLATFORM, 8.5, 0.56)) for x, y in places]
-    text = {"lines": ("LVX  MVTAT  LAPIDES  MANENT",), "shape": (72, 1024), "scale": 1.75, "thickness": 4, "area": (-7.3, -0.33, 14.6, 0.66)}
+    text = {
+        "lines": ("LVX  MVTAT  LAPIDES  MANENT",),
+        "shape": (72, 1024),
+        "scale": 1.75,
+        "thickness": 4,
+        "area": (-7.3, -0.33, 14.6, 0.66),
+    }
     entablature = [
         _box((-8.4, -6.4, 8.5), (8.4, 0, 9.05), "marble"),
         _box((-8.4, -6.4, 9.05), (8.4, 0, 9.85), "inscription", **text),
@@ -80,7 +90,9 @@ def portico() -> list[Group]:
         middle = np.array([side * 4.62, 0, 11.86])
         pediment.append(make("box", middle + [0, -3.55, 0], (4.95, 3.55, 0.16), "marble", rotation=lean))
         pediment.append(make("box", middle + [0, -3.4, 0.2], (4.9, 3.4, 0.07), "tiles", rotation=lean))
-    acroteria = [part for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25)) for part in _person_of_stone(x, -6.4, z, 1.15)]
+    acroteria = [
+        part for x, z in ((-8.9, 10.25), (0, 13.45), (8.9, 10.25)) for part in _person_of_stone(x, -6.4, z, 1.15)
+    ]
     return [*columns, group(entablature), group(pediment), group(acroteria)]
 
 
@@ -92,8 +104,15 @@ def nave() -> list[Group]:
     windows = [make("arch", (side * 10, y, 4.2), (0.95, 0.6, 3.3), "marble", yaw=90) for side in (-1, 1) for y in bays]
     centre, half = np.array([0, 13.0, 6.45]), np.array([10.0, 13.0, 5.55])
     body = [make("box", centre, half, "ashlar", holes=[door, *niches])]
-    flanks = [make("box", (side * 9.9, 13.0, 6.45), (0.35, 12.95, 5.5), "brick", band=3.7, offset=1.0, holes=windows) for side in (-1, 1)]
-    panes = [_box((side * 10.0 - 0.12, y - 0.95, 4.2), (side * 10.0 + 0.12, y + 0.95, 8.5), "glass") for side in (-1, 1) for y in bays]
+    flanks = [
+        make("box", (side * 9.9, 13.0, 6.45), (0.35, 12.95, 5.5), "brick", band=3.7, offset=1.0, holes=windows)
+        for side in (-1, 1)
+    ]
+    panes = [
+        _box((side * 10.0 - 0.12, y - 0.95, 4.2), (side * 10.0 + 0.12, y + 0.95, 8.5), "glass")
+        for side in (-1, 1)
+        for y in bays
+    ]
     inside = [
         make("box", (0, 0.75, PLATFORM + 2.8), (1.7, 0.1, 2.8), "bronze_door"),
         *_person_of_stone(-5.6, 0.05, 2.45, 1.5),
@@ -138,7 +157,9 @@ def cupola() -> list[Group]:
     ]
     for number in range(6):
         angle = number * np.pi / 3 + 0.2
-        lantern.append(make("frustum", (x + 1.15 * np.cos(angle), y + 1.15 * np.sin(angle), 25.8), (0.14, 0.14, 1.1), "marble"))
+        lantern.append(
+            make("frustum", (x + 1.15 * np.cos(angle), y + 1.15 * np.sin(angle), 25.8), (0.14, 0.14, 1.1), "marble")
+        )
     return [group(drum), group(shell), group(lantern)]
 
 
@@ -153,13 +174,23 @@ def tower() -> list[Group]:
     ]
     slits = [make("arch", (x, y, z), (0.34, 3.5, 1.0), "marble") for z in (4.5, 10.5)]
     shaft = [
-        _box((x - half - 0.35, y - half - 0.35, 0), (x + half + 0.35, y + half + 0.35, 1.6), "ashlar", block=(1.4, 0.52)),
+        _box(
+            (x - half - 0.35, y - half - 0.35, 0), (x + half + 0.35, y + half + 0.35, 1.6), "ashlar", block=(1.4, 0.52)
+        ),
         make("box", (x, y, 9.2), (half, half, 7.7), "brick", half=(half, half), band=4.4, offset=1.2, holes=slits),
         make("box", (x, y, 9.2), (0.9, 0.9, 7.0), "glass"),
         _box((x - half - 0.3, y - half - 0.3, 16.9), (x + half + 0.3, y + half + 0.3, 17.3), "marble", dentils=0.4),
     ]
     top = [
-        make("box", (x, y, 19.5), (half - 0.1, half - 0.1, 2.25), "brick", half=(half - 0.1, half - 0.1), band=9.0, holes=openings),
+        make(
+            "box",
+            (x, y, 19.5),
+            (half - 0.1, half - 0.1, 2.25),
+            "brick",
+            half=(half - 0.1, half - 0.1),
+            band=9.0,
+            holes=openings,
+        ),
         make("sphere", (x, y, 19.6), (0.75, 0.75, 0.85), "metal", colour=(0.3, 0.2, 0.08)),
         _box((x - half - 0.35, y - half - 0.35, 21.6), (x + half + 0.35, y + half + 0.35, 22.1), "marble", dentils=0.4),
         make("frustum", (x, y, 24.4), (2.5, 2.5, 2.3), "tiles", taper=0.04),
@@ -172,7 +203,9 @@ def tower() -> list[Group]:
     )
     for (dx, dy), rotation in faces:
         place = (x + dx * half, y + dy * half, 14.4)
-        shaft.append(make("frustum", place, (1.25, 1.25, 0.12), "clock", rotation=np.array(rotation, float), radius=1.25))
+        shaft.append(
+            make("frustum", place, (1.25, 1.25, 0.12), "clock", rotation=np.array(rotation, float), radius=1.25)
+        )
     return [group(shaft), group(top)]
 
 
@@ -184,8 +217,24 @@ def loggia() -> list[Group]:
         group(
             [
                 _box((-22.6, 3.1, 0), (-10.2, 13.2, 0.35), "ashlar", block=(1.6, 0.35)),
-                make("box", (-16.3, 3.6, 2.7), (6.1, 0.32, 2.35), "ashlar", block=(0.8, 0.36), tone=(1.0, 0.93, 0.85), holes=arches),
-                make("box", (-22.1, 8.0, 2.7), (0.32, 4.7, 2.35), "ashlar", block=(0.8, 0.36), tone=(1.0, 0.93, 0.85), holes=[end]),
+                make(
+                    "box",
+                    (-16.3, 3.6, 2.7),
+                    (6.1, 0.32, 2.35),
+                    "ashlar",
+                    block=(0.8, 0.36),
+                    tone=(1.0, 0.93, 0.85),
+                    holes=arches,
+                ),
+                make(
+                    "box",
+                    (-22.1, 8.0, 2.7),
+                    (0.32, 4.7, 2.35),
+                    "ashlar",
+                    block=(0.8, 0.36),
+                    tone=(1.0, 0.93, 0.85),
+                    holes=[end],
+                ),
                 _box((-22.4, 9.0, 0.35), (-10.2, 12.8, 6.6), "brick", half=(6.1, 1.9), band=3.4),
                 _box((-22.6, 3.0, 5.05), (-10.2, 9.0, 5.3), "marble", dentils=0.4),
                 make("box", (-16.4, 6.1, 6.05), (6.3, 3.3, 0.12), "tiles", ridge="x", rotation=_slope(0.30)),

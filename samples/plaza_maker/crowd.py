@@ -12,7 +12,8 @@ SHRINK = 4  # shares are counted in a picture this many times smaller
 
 
 def _spot(rng: np.random.Generator) -> tuple[float, float, float]:
-    """A random place (x, y, z; metres) where tourists like to stand: before and on the steps, round the fountain, at the statue."""
+    """A random place (x, y, z; metres) where tourists like to stand:
+    before and on the steps, round the fountain, at the statue."""
     kind = rng.choice(["front", "steps", "porch", "fountain", "statue"], p=[0.38, 0.14, 0.10, 0.25, 0.13])
     if kind == "front":
         return rng.uniform(-12, 12), rng.uniform(-14, -9.9), 0.0
@@ -37,7 +38,8 @@ def _ahead(rng, view: View, near: float, far: float) -> tuple[float, float]:
 
 
 def _newcomer(rng: np.random.Generator, view: View, mood: str) -> Group | None:
-    """A random person, vehicle or parasol, as befits the mood of the photo; None if there is no room where it would stand."""
+    """A random person, vehicle or parasol, as befits the mood of the photo;
+    None if there is no room where it would stand."""
     chance = rng.random()
     # From a raised camera the ground begins only where its lower edge meets it.
     nearest = max(1.9, (view.centre[2] - 1.5) / max(np.tan(view.dip), 0.05))
@@ -77,7 +79,11 @@ def populate(rng: np.random.Generator, static: World, view: View, share: float) 
             continue
         hits = cast(World((newcomer,)), origin, directions)
         mine = (hits.number >= 0) & (hits.distance < depth)
-        if not 0 < mine.mean() < LARGEST or hits.distance.min() < 1.2 or (covered | mine).mean() > min(share + 0.04, 0.26):
+        if (
+            not 0 < mine.mean() < LARGEST
+            or hits.distance.min() < 1.2
+            or (covered | mine).mean() > min(share + 0.04, 0.26)
+        ):
             continue
         people.append(newcomer)
         covered |= mine

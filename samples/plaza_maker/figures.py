@@ -9,7 +9,14 @@ from samples.plaza_maker.solids import Solid, limb, make
 
 SKINS = ((0.62, 0.42, 0.31), (0.50, 0.32, 0.22), (0.30, 0.18, 0.11), (0.16, 0.09, 0.06), (0.70, 0.50, 0.39))
 HAIR = ((0.03, 0.02, 0.02), (0.12, 0.07, 0.03), (0.38, 0.26, 0.11), (0.34, 0.33, 0.32), (0.22, 0.08, 0.03))
-PAINTS = ((0.55, 0.04, 0.03), (0.05, 0.09, 0.30), (0.60, 0.60, 0.60), (0.03, 0.03, 0.03), (0.66, 0.48, 0.05), (0.08, 0.24, 0.14))
+PAINTS = (
+    (0.55, 0.04, 0.03),
+    (0.05, 0.09, 0.30),
+    (0.60, 0.60, 0.60),
+    (0.03, 0.03, 0.03),
+    (0.66, 0.48, 0.05),
+    (0.08, 0.24, 0.14),
+)
 PLAIN_CLOTH = {"material": "cloth", "other": (0, 0, 0), "pattern": "plain"}
 
 
@@ -24,7 +31,8 @@ def _dye(rng) -> tuple:
 
 @dataclass(frozen=True)
 class _Body:
-    """A person's place, bearing and size. x, y, z: metres, where the feet stand. heading: radians from +x. size: of everything, 1 for 1.8 m."""
+    """A person's place, bearing and size. x, y, z: metres, where the feet stand. heading: radians from +x.
+    size: of everything, 1 for 1.8 m."""
 
     x: float
     y: float
@@ -41,7 +49,9 @@ class _Body:
     def at(self, forward: float, left: float, up: float) -> np.ndarray:
         """A place in the world, given in metres of a person of size 1."""
         c, s, size = np.cos(self.heading), np.sin(self.heading), self.size
-        return np.array([self.x + size * (forward * c - left * s), self.y + size * (forward * s + left * c), self.z + size * up])
+        return np.array(
+            [self.x + size * (forward * c - left * s), self.y + size * (forward * s + left * c), self.z + size * up]
+        )
 
     def limb(self, start, end, start_radius: float, end_radius: float, **params) -> Solid:
         return limb(self.at(*start), self.at(*end), start_radius * self.size, end_radius * self.size, **params)
@@ -90,8 +100,14 @@ def _trunk(rng, body: _Body, girth: float, shirt: dict, trousers: dict) -> list[
     """A skirt at times, chest and shoulders."""
     parts = []
     if rng.random() < 0.25:
-        parts.append(body.limb((0, 0, 0.45), (0, 0, 1.05), 0.30 * girth, 0.16, **(shirt if rng.random() < 0.5 else trousers)))
-    parts.append(body.solid("frustum", (0, 0, 1.16), (0.115 * girth, 0.165 * girth, 0.27), rotation=body.turn, taper=1.2, **shirt))
+        parts.append(
+            body.limb((0, 0, 0.45), (0, 0, 1.05), 0.30 * girth, 0.16, **(shirt if rng.random() < 0.5 else trousers))
+        )
+    parts.append(
+        body.solid(
+            "frustum", (0, 0, 1.16), (0.115 * girth, 0.165 * girth, 0.27), rotation=body.turn, taper=1.2, **shirt
+        )
+    )
     parts.append(body.solid("sphere", (0, 0, 1.42), (0.13 * girth, 0.21 * girth, 0.10), rotation=body.turn, **shirt))
     return parts
 
@@ -141,12 +157,17 @@ def _belongings(rng, body: _Body, shirt: dict) -> list[Solid]:
     return []
 
 
-def _wheels(x: float, y: float, heading: float, places: list[tuple[float, float]], radius: float, width: float) -> list[Solid]:
+def _wheels(
+    x: float, y: float, heading: float, places: list[tuple[float, float]], radius: float, width: float
+) -> list[Solid]:
     """Wheels at (forward, left) places of a vehicle. Metres, radians."""
     c, s = np.cos(heading), np.sin(heading)
     axle = np.array([[c, s, 0], [0, 0, 1], [s, -c, 0]])
     wheel = {"size": (radius, radius, width), "material": "tyre", "rotation": axle, "radius": radius}
-    return [make("frustum", (x + forward * c - left * s, y + forward * s + left * c, radius), **wheel) for forward, left in places]
+    return [
+        make("frustum", (x + forward * c - left * s, y + forward * s + left * c, radius), **wheel)
+        for forward, left in places
+    ]
 
 
 def car(rng: np.random.Generator, x: float, y: float, heading: float) -> Group:
@@ -159,7 +180,9 @@ def car(rng: np.random.Generator, x: float, y: float, heading: float) -> Group:
     bonnet_at = (x + 0.66 * long * c, y + 0.66 * long * s, 0.78)
     bonnet = make("sphere", bonnet_at, (0.75, wide * 0.98, 0.2), half=(1, 1, 1), lights=0.0, **without_panes, **body)
     glazing = {"half": (long * 0.62, wide, 0.32), "panes": (-0.26, 0.2), "pane": 1.3}
-    cabin = make("frustum", (x - 0.15 * c, y - 0.15 * s, 1.16), (0.62 * long, wide * 0.92, 0.32), taper=0.72, **glazing, **body)
+    cabin = make(
+        "frustum", (x - 0.15 * c, y - 0.15 * s, 1.16), (0.62 * long, wide * 0.92, 0.32), taper=0.72, **glazing, **body
+    )
     places = [(end * long * 0.62, side * (wide - 0.05)) for end in (-1, 1) for side in (-1, 1)]
     return group([hull, bonnet, cabin, *_wheels(x, y, heading, places, 0.33, 0.12)], transient=True)
 
@@ -170,9 +193,17 @@ def bus(rng: np.random.Generator, x: float, y: float, heading: float, van: bool 
     long, tall = (2.5, 0.85) if van else (rng.uniform(4.2, 5.4), 1.3)
     wide = 0.98 if van else 1.22
     paint = {"colour": PAINTS[rng.integers(len(PAINTS))], "band": PAINTS[rng.integers(len(PAINTS))]}
-    panes = {"panes": (0.15, 0.6), "pane": 5.0, "inside": 0.0} if van else {"panes": (-0.1, 0.75), "pane": 1.35, "inside": 0.8}
-    body = make("box", (x, y, 0.42 + tall), (long, wide, tall), "paint", yaw=degrees, half=(long, wide, tall), **paint, **panes)
-    roof = make("box", (x, y, 0.5 + 2 * tall), (long * 0.85, wide * 0.85, 0.1), "skin", yaw=degrees, colour=(0.5, 0.5, 0.5))
+    panes = (
+        {"panes": (0.15, 0.6), "pane": 5.0, "inside": 0.0}
+        if van
+        else {"panes": (-0.1, 0.75), "pane": 1.35, "inside": 0.8}
+    )
+    body = make(
+        "box", (x, y, 0.42 + tall), (long, wide, tall), "paint", yaw=degrees, half=(long, wide, tall), **paint, **panes
+    )
+    roof = make(
+        "box", (x, y, 0.5 + 2 * tall), (long * 0.85, wide * 0.85, 0.1), "skin", yaw=degrees, colour=(0.5, 0.5, 0.5)
+    )
     places = [(end * long * 0.66, side * (wide - 0.08)) for end in (-1, 1) for side in (-1, 1)]
     return group([body, roof, *_wheels(x, y, heading, places, 0.4 if van else 0.48, 0.13)], transient=True)
 

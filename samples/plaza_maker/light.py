@@ -17,8 +17,8 @@ SKY_RAYS = 6  # a sub-sample's share of the sky: with 2 x 2 of them a pixel sees
 
 @dataclass(frozen=True)
 class Picture:
-    """What a camera records. radiance: (H, W, 3), linear. transient: (H, W), the share of the pixel that passers-by cover. depth: (H, W), of one
-    sub-sample near the pixel's middle (metres along the axis; inf: sky).
+    """What a camera records. radiance: (H, W, 3), linear. transient: (H, W), the share of the pixel that passers-by
+    cover. depth: (H, W), of one sub-sample near the pixel's middle (metres along the axis; inf: sky).
     """
 
     radiance: np.ndarray
@@ -36,7 +36,8 @@ def _spread(count: int, turn: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Surfaces:
-    """What N rays hit. albedo, emission: (3, N). normal: (3, N), with the relief of the material; flat: without. gloss: (N,)."""
+    """What N rays hit. albedo, emission: (3, N). normal: (3, N), with the relief of the material;
+    flat: without. gloss: (N,)."""
 
     albedo: np.ndarray
     normal: np.ndarray
@@ -81,12 +82,17 @@ def _surfaces(world, look, origin, directions, hits, spread) -> _Surfaces:
 
 
 def _irradiance(world, look, points, normal, turn, turns):
-    """The radiance that white walls would have at N points, (3, N): of sun, sky, the ground's reflection and lamps, with shadow rays.
+    """The radiance that white walls would have at N points, (3, N):
+    of sun, sky, the ground's reflection and lamps, with shadow rays.
 
     Each of the `turns` sub-samples looks at another point of the sun's disc and at other directions of the sky.
     """
     total = np.zeros_like(points)
-    jitter = np.array([np.cos(turn * 2.4), np.sin(turn * 2.4), np.sin(turn * 5.1)]) * look.sun_width * np.sqrt((turn + 0.5) / turns)
+    jitter = (
+        np.array([np.cos(turn * 2.4), np.sin(turn * 2.4), np.sin(turn * 5.1)])
+        * look.sun_width
+        * np.sqrt((turn + 0.5) / turns)
+    )
     toward = np.asarray(look.sun_direction) + jitter
     toward = (toward / np.linalg.norm(toward)).astype(np.float32)
     if max(look.sun) > 0 and toward[2] > 0:
@@ -117,7 +123,8 @@ def _irradiance(world, look, points, normal, turn, turns):
 
 
 def _radiance(world, look, rays, distance, points, surfaces, turn, turns) -> np.ndarray:
-    """What N rays (3, N) bring from the surfaces that they hit, (3, N): their own light, the sky mirrored in them, and the haze before them."""
+    """What N rays (3, N) bring from the surfaces that they hit, (3, N):
+    their own light, the sky mirrored in them, and the haze before them."""
     radiance = surfaces.albedo * _irradiance(world, look, points, surfaces.normal, turn, turns) + surfaces.emission
     shiny = np.flatnonzero(surfaces.gloss > 0)
     normal = surfaces.normal[:, shiny]
@@ -147,7 +154,8 @@ def render(world: World, look: Look, view: View, grid: int) -> Picture:
         picture[:, ~seen] = sky(look, directions[:, ~seen])
         surfaces = _surfaces(world, look, origin, directions, hits, 0.8 / (view.focal_px * grid))
         rays, distance = directions[:, seen], hits.distance[seen]
-        points = origin[:, None] + rays * distance + surfaces.flat * np.float32(0.012)  # clear of the surface, so that it does not shade itself
+        # Clear of the surface, so that it does not shade itself.
+        points = origin[:, None] + rays * distance + surfaces.flat * np.float32(0.012)
         picture[:, seen] = _radiance(world, look, rays, distance, points, surfaces, turn, samples)
         radiance += np.minimum(picture.T, 8.0) / samples
         passing = np.zeros(seen.shape, bool)

@@ -10,11 +10,13 @@ import numpy as np
 class Look:
     """Everything that decides how a photo looks, apart from where it was taken and who is in it.
 
-    Colours are RGB radiance, in units in which a white wall square to the midday sun is about 1. sun_direction: world (z up), towards the sun;
-    sun_width: the radius of its disc as a light, radians; disc: how much brighter than `sun` it is drawn, 0 if it is hidden; glow: colour of the
-    sky around it. gradient: exponent of the sky's fade from horizon to zenith. clouds: cover in [0, 1]. haze: extinction, 1 / metre. lamps: 0 by
-    day, 1 by night. exposure multiplies radiance; balance is the white balance's gains; gamma, contrast, saturation and lift make the tone curve;
-    vignette is the loss in the corners; grain the noise (8-bit steps); quality the JPEG's. seed: of the grain, and of the clouds' shapes.
+    Colours are RGB radiance, in units in which a white wall square to the midday sun is about 1. sun_direction: world
+    (z up), towards the sun; sun_width: the radius of its disc as a light, radians; disc: how much brighter than `sun`
+    it is drawn, 0 if it is hidden; glow: colour of the sky around it. gradient: exponent of the sky's fade from horizon
+    to zenith. clouds: cover in [0, 1]. haze: extinction, 1 / metre. lamps: 0 by day, 1 by night. exposure multiplies
+    radiance; balance is the white balance's gains; gamma, contrast, saturation and lift make the tone curve; vignette
+    is the loss in the corners; grain the noise (8-bit steps); quality the JPEG's. seed: of the grain, and of the
+    clouds' shapes.
     """
 
     kind: str
@@ -54,8 +56,8 @@ def _toward(azimuth: float, elevation: float) -> tuple:
 
 
 class _Weather(NamedTuple):
-    """What looks of a kind are drawn from: ranges of the sun's azimuth and elevation (degrees) and of cloud cover; colours of sun, zenith and
-    horizon; strength of the glow round the sun; lamps; exposure."""
+    """What looks of a kind are drawn from: ranges of the sun's azimuth and elevation (degrees) and of cloud cover;
+    colours of sun, zenith and horizon; strength of the glow round the sun; lamps; exposure."""
 
     azimuths: tuple
     elevations: tuple
@@ -69,14 +71,38 @@ class _Weather(NamedTuple):
 
 
 _WEATHER = {
-    "noon": _Weather((-75, 75), (40, 60), (1.30, 1.21, 1.05), (0.06, 0.15, 0.38), (0.26, 0.35, 0.46), 0.10, (0.0, 0.35), 0, 1.00),
-    "morning": _Weather((30, 115), (14, 32), (1.25, 0.98, 0.66), (0.07, 0.14, 0.31), (0.32, 0.32, 0.32), 0.20, (0.0, 0.4), 0, 1.05),
-    "afternoon": _Weather((-115, -30), (18, 40), (1.30, 1.06, 0.76), (0.06, 0.14, 0.34), (0.29, 0.33, 0.38), 0.18, (0.0, 0.45), 0, 1.00),
-    "cloudy": _Weather((-110, 110), (25, 55), (0.95, 0.90, 0.80), (0.10, 0.20, 0.40), (0.34, 0.39, 0.46), 0.1, (0.5, 0.72), 0, 1.0),
-    "overcast": _Weather((-110, 110), (35, 60), (0.03, 0.03, 0.03), (0.42, 0.44, 0.47), (0.50, 0.51, 0.53), 0.0, (0.85, 1.0), 0, 1.25),
-    "sunset": _Weather((-115, -25), (4, 11), (1.15, 0.52, 0.18), (0.06, 0.11, 0.26), (0.62, 0.33, 0.17), 0.55, (0.1, 0.55), 0.25, 1.5),
-    "dusk": _Weather((-150, 150), (-4, 0), (0.0, 0.0, 0.0), (0.02, 0.035, 0.11), (0.16, 0.085, 0.09), 0.22, (0.0, 0.6), 0.8, 2.3),
-    "night": _Weather((-180, 180), (25, 60), (0.006, 0.007, 0.010), (0.004, 0.006, 0.016), (0.022, 0.016, 0.014), 0.0, (0.0, 0.5), 1.0, 2.3),
+    "noon": _Weather(
+        (-75, 75), (40, 60), (1.30, 1.21, 1.05), (0.06, 0.15, 0.38), (0.26, 0.35, 0.46), 0.10, (0.0, 0.35), 0, 1.00
+    ),
+    "morning": _Weather(
+        (30, 115), (14, 32), (1.25, 0.98, 0.66), (0.07, 0.14, 0.31), (0.32, 0.32, 0.32), 0.20, (0.0, 0.4), 0, 1.05
+    ),
+    "afternoon": _Weather(
+        (-115, -30), (18, 40), (1.30, 1.06, 0.76), (0.06, 0.14, 0.34), (0.29, 0.33, 0.38), 0.18, (0.0, 0.45), 0, 1.00
+    ),
+    "cloudy": _Weather(
+        (-110, 110), (25, 55), (0.95, 0.90, 0.80), (0.10, 0.20, 0.40), (0.34, 0.39, 0.46), 0.1, (0.5, 0.72), 0, 1.0
+    ),
+    "overcast": _Weather(
+        (-110, 110), (35, 60), (0.03, 0.03, 0.03), (0.42, 0.44, 0.47), (0.50, 0.51, 0.53), 0.0, (0.85, 1.0), 0, 1.25
+    ),
+    "sunset": _Weather(
+        (-115, -25), (4, 11), (1.15, 0.52, 0.18), (0.06, 0.11, 0.26), (0.62, 0.33, 0.17), 0.55, (0.1, 0.55), 0.25, 1.5
+    ),
+    "dusk": _Weather(
+        (-150, 150), (-4, 0), (0.0, 0.0, 0.0), (0.02, 0.035, 0.11), (0.16, 0.085, 0.09), 0.22, (0.0, 0.6), 0.8, 2.3
+    ),
+    "night": _Weather(
+        (-180, 180),
+        (25, 60),
+        (0.006, 0.007, 0.010),
+        (0.004, 0.006, 0.016),
+        (0.022, 0.016, 0.014),
+        0.0,
+        (0.0, 0.5),
+        1.0,
+        2.3,
+    ),
 }
 KINDS = tuple(_WEATHER)
 WEATHER_EXPOSURE = {kind: weather.exposure for kind, weather in _WEATHER.items()}  # before each photo's own share
@@ -140,7 +166,8 @@ def develop(look: Look, radiance: np.ndarray) -> np.ndarray:
     reach = np.hypot(width, height) / 2
     corner = ((x + 0.5 - width / 2) ** 2 + (y + 0.5 - height / 2) ** 2) / reach**2
     light = radiance * look.exposure * (1 - look.vignette * corner)[..., None] * np.float32(look.balance)
-    filmed = light * (1 + light / 2.6**2) / (1 + light * 0.55)  # Reinhard's curve, white at about 2.6, its foot made steeper
+    # Reinhard's curve, white at about 2.6, its foot made steeper.
+    filmed = light * (1 + light / 2.6**2) / (1 + light * 0.55)
     value = np.clip(filmed, 0, 1) ** (1 / (2.2 * look.gamma))
     smooth = value * value * (3 - 2 * value)
     value = value + look.contrast * (smooth - value)

@@ -1,6 +1,8 @@
-"""The building's materials: stone, brick, tiles, glass, relief. Each is a function of points on a solid that returns their Surface.
+"""The building's materials: stone, brick, tiles, glass, relief.
+Each is a function of points on a solid that returns their Surface.
 
-point, normal: (3, N), in the solid's local metres. footprint: (N,) metres that a sample spans. params: those of the solid.
+point, normal: (3, N), in the solid's local metres. footprint: (N,) metres that a sample spans.
+params: those of the solid.
 """
 
 from functools import cache
@@ -66,7 +68,9 @@ def fluted(point, normal, footprint, params):
     wave = np.sin(angle * count) * sharp
     drum = stripe(point[2], 1.45, 0.04, footprint)
     grain = fractal(angle * 3, point[2] * 0.7, 51, 4)
-    albedo = mix(LIMESTONE * 1.1, SHADE * 0.95, np.clip(1.5 * grain - 0.4, 0, 1)) * (1 - 0.30 * sharp * (1 - np.cos(angle * count)) / 2)
+    albedo = mix(LIMESTONE * 1.1, SHADE * 0.95, np.clip(1.5 * grain - 0.4, 0, 1)) * (
+        1 - 0.30 * sharp * (1 - np.cos(angle * count)) / 2
+    )
     tilt = np.stack([-np.sin(angle) * wave, np.cos(angle) * wave, np.zeros_like(wave)]) * 0.9
     return Surface(mix(albedo, GROUT, 0.6 * drum), tilt)
 
@@ -133,7 +137,10 @@ def drum(point, normal, footprint, params):
     radius, count = params["radius"], params["windows"]
     across = ((angle * count / (2 * np.pi)) % 1 - 0.5) * 2 * np.pi * radius / count
     surface = ashlar(
-        np.stack([angle * radius, -np.full_like(angle, radius), point[2]]), np.stack([0 * angle, -1 + 0 * angle, 0 * angle]), footprint, {}
+        np.stack([angle * radius, -np.full_like(angle, radius), point[2]]),
+        np.stack([0 * angle, -1 + 0 * angle, 0 * angle]),
+        footprint,
+        {},
     )
     top = point[2] - params["sill"] - 1.7
     distance = np.where(top > 0, np.hypot(across, top), np.maximum(np.abs(across), -(point[2] - params["sill"]) + 0.55))
@@ -160,10 +167,14 @@ def bronze_door(point, normal, footprint, params):
     """Two wings of square panels with studs."""
     u, v = point[0], point[2]
     frame = np.maximum(stripe(u, 0.8, 0.12, footprint), stripe(v, 0.9, 0.12, footprint))
-    boss = np.clip((0.17 - np.hypot((u / 0.8 % 1 - 0.5) * 0.8, (v / 0.9 % 1 - 0.5) * 0.9)) / np.maximum(footprint, 1e-3), 0, 1)
+    boss = np.clip(
+        (0.17 - np.hypot((u / 0.8 % 1 - 0.5) * 0.8, (v / 0.9 % 1 - 0.5) * 0.9)) / np.maximum(footprint, 1e-3), 0, 1
+    )
     patina = fractal(u * 4, v * 2, 101, 4)
     albedo = mix(
-        mix(colour(0.20, 0.13, 0.07), colour(0.13, 0.22, 0.17), np.clip(2 * patina - 0.6, 0, 1)), colour(0.36, 0.24, 0.1), np.maximum(frame, boss)
+        mix(colour(0.20, 0.13, 0.07), colour(0.13, 0.22, 0.17), np.clip(2 * patina - 0.6, 0, 1)),
+        colour(0.36, 0.24, 0.1),
+        np.maximum(frame, boss),
     )
     return Surface(albedo, None, None, 0.12)
 

@@ -10,7 +10,8 @@ import pycolmap
 from samples.plaza_maker.cameras import View
 
 SCALE = 0.25  # model units a metre; SfM knows no metres
-ROTATION = cv2.Rodrigues(np.radians([-84.0, 5.0, -3.0]))[0]  # square to model: about y down and z forward, a few degrees off
+# Square to model: about y down and z forward, a few degrees off.
+ROTATION = cv2.Rodrigues(np.radians([-84.0, 5.0, -3.0]))[0]
 ORIGIN = np.array([2.0, -6.0, 4.0])  # the model's origin in the square, metres
 POSE_NOISE_DEGREES, CENTRE_NOISE, FOCAL_NOISE = 0.025, 0.010, 0.0007  # standard deviations; centres in metres
 FEATURE_NOISE_PX = 0.35
@@ -43,7 +44,9 @@ def _lifted(taken: Taken, pixels: np.ndarray) -> np.ndarray:
     """The points of the square (P, 3) seen at pixels (P, 2), which are middles of pixels."""
     rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
     view = taken.view
-    local = np.stack([(pixels[:, 0] - view.width / 2) / view.focal_px, (pixels[:, 1] - view.height / 2) / view.focal_px], axis=1)
+    local = np.stack(
+        [(pixels[:, 0] - view.width / 2) / view.focal_px, (pixels[:, 1] - view.height / 2) / view.focal_px], axis=1
+    )
     local = np.concatenate([local, np.ones((len(local), 1))], axis=1) * taken.depth[rows, columns, None]
     return local @ view.world_to_camera + view.centre
 
@@ -63,7 +66,9 @@ def _features(taken: Taken) -> np.ndarray:
 def _sees(taken: Taken, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which points (P, 3) a photo shows, not hidden by anything, and where: (P,) bool, (P, 2) px."""
     pixels, depth = taken.view.project(points)
-    inside = (depth > 0.5) & (pixels > 3).all(axis=1) & (pixels < [taken.view.width - 3, taken.view.height - 3]).all(axis=1)
+    inside = (
+        (depth > 0.5) & (pixels > 3).all(axis=1) & (pixels < [taken.view.width - 3, taken.view.height - 3]).all(axis=1)
+    )
     columns, rows = (np.where(inside, pixels[:, axis], 0).astype(int) for axis in (0, 1))
     close = np.abs(taken.depth[rows, columns] - depth) < 0.012 * depth + 0.05
     return inside & close & ~taken.transient[rows, columns], pixels
@@ -92,7 +97,9 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
             away = points - witness.view.centre
             cosine = (towards * away).sum(1) / (np.linalg.norm(towards, axis=1) * np.linalg.norm(away, axis=1))
             ratio = witness.view.focal_px / np.linalg.norm(away, axis=1) / size
-            chance = 0.55 * matchable[other] * np.clip((cosine - 0.6) / 0.3, 0, 1) * np.exp(-((np.log2(ratio) / 1.1) ** 2))
+            chance = (
+                0.55 * matchable[other] * np.clip((cosine - 0.6) / 0.3, 0, 1) * np.exp(-((np.log2(ratio) / 1.1) ** 2))
+            )
             for index in np.flatnonzero(seen & (rng.random(len(points)) < chance)):
                 own[index].append((other, where[index]))
         tracks += [track for track in own if len(track) >= 3]
@@ -100,7 +107,9 @@ def _static_tracks(photos: list[Taken], rng: np.random.Generator) -> list[_Track
     return [tracks[index] for index in chosen]
 
 
-def _loose_tracks(photos: list[Taken], rng: np.random.Generator, count: int, on_passers_by: bool) -> list[tuple[_Track, np.ndarray]]:
+def _loose_tracks(
+    photos: list[Taken], rng: np.random.Generator, count: int, on_passers_by: bool
+) -> list[tuple[_Track, np.ndarray]]:
     """Short tracks, each with the (wrong) place that it is taken for: on passers-by, or of matches far off in depth."""
     result = []
     while len(result) < count:
@@ -146,12 +155,20 @@ def _believed(view: View, rng: np.random.Generator) -> _Camera:
     wobble = cv2.Rodrigues(np.radians(rng.normal(0, POSE_NOISE_DEGREES, 3)))[0]
     centre = to_model((view.centre + rng.normal(0, CENTRE_NOISE, 3))[None])[0]
     focal = view.focal_px * (1 + rng.normal(0, FOCAL_NOISE))
-    return _Camera(wobble @ view.world_to_camera @ ROTATION.T, centre, focal, np.array([view.width / 2, view.height / 2]))
+    return _Camera(
+        wobble @ view.world_to_camera @ ROTATION.T, centre, focal, np.array([view.width / 2, view.height / 2])
+    )
 
 
 def _triangulate(cameras: list[_Camera], pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The point nearest to all rays, the nearer cameras weighing more; its errors (px), and the widest angle between two rays (degrees)."""
-    rays = np.stack([np.append((pixel - camera.middle) / camera.focal_px, 1.0) @ camera.world_to_camera for camera, pixel in zip(cameras, pixels)])
+    """The point nearest to all rays, the nearer cameras weighing more;
+    its errors (px), and the widest angle between two rays (degrees)."""
+    rays = np.stack(
+        [
+            np.append((pixel - camera.middle) / camera.focal_px, 1.0) @ camera.world_to_camera
+            for camera, pixel in zip(cameras, pixels)
+        ]
+    )
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     centres = np.stack([camera.centre for camera in cameras])
     weights = np.ones(len(rays))
@@ -160,7 +177,9 @@ def _triangulate(cameras: list[_Camera], pixels: np.ndarray) -> tuple[np.ndarray
         point = np.linalg.lstsq(across.sum(0), (across @ centres[:, :, None]).sum(0)[:, 0], rcond=None)[0]
         focal = np.array([camera.focal_px for camera in cameras])
         weights = (focal / np.maximum(np.linalg.norm(point - centres, axis=1), 1e-3)) ** 2
-    errors = np.array([np.linalg.norm(camera.project(point[None])[0] - pixel) for camera, pixel in zip(cameras, pixels)])
+    errors = np.array(
+        [np.linalg.norm(camera.project(point[None])[0] - pixel) for camera, pixel in zip(cameras, pixels)]
+    )
     angle = np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1)))
     return point, errors, float(angle)
 
@@ -179,7 +198,9 @@ def _points(photos: list[Taken], cameras: list[_Camera], rng: np.random.Generato
     points = []
     for exact in _static_tracks(photos, rng):
         track = [(number, pixel + rng.normal(0, FEATURE_NOISE_PX, 2)) for number, pixel in exact[:12]]
-        place, errors, angle = _triangulate([cameras[number] for number, _ in track], np.array([pixel for _, pixel in track]))
+        place, errors, angle = _triangulate(
+            [cameras[number] for number, _ in track], np.array([pixel for _, pixel in track])
+        )
         if errors.max() < 4.0 and angle > 1.5:
             points.append(_Point(place, track, errors))
         if len(points) == POINTS:
@@ -194,7 +215,9 @@ def _points(photos: list[Taken], cameras: list[_Camera], rng: np.random.Generato
     return points
 
 
-def _reconstruction(photos: list[Taken], cameras: list[_Camera], points: list[_Point], rng: np.random.Generator) -> pycolmap.Reconstruction:
+def _reconstruction(
+    photos: list[Taken], cameras: list[_Camera], points: list[_Point], rng: np.random.Generator
+) -> pycolmap.Reconstruction:
     """The model as COLMAP has it. Each photo also has a few features that matched nothing."""
     features = [[] for _ in photos]
     tracks = []

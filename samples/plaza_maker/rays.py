@@ -87,7 +87,9 @@ def cast(world: World, origins: np.ndarray, directions: np.ndarray) -> Hits:
     return Hits(best, number, hole)
 
 
-def way_is_open(world: World, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray | float = 400.0) -> np.ndarray:
+def way_is_open(
+    world: World, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray | float = 400.0
+) -> np.ndarray:
     """Whether nothing stands within `reach` metres along each ray, (N,) bool. directions: (3,) or (3, N)."""
     directions = np.broadcast_to(directions.reshape(3, -1), origins.shape)
     open_way = np.ones(origins.shape[1], bool)

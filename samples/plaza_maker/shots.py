@@ -50,16 +50,23 @@ def _test_names(shots: list[Shot]) -> set[str]:
     forward = np.array([shot.view.world_to_camera[2] for shot in shots])
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=2) + 25 * (1 - forward @ forward.T)
     nearness = np.sort(apart, axis=1)[:, 1:5].mean(axis=1)
-    unfit = np.array([shot.view.focal_px > 400 or shot.share == 0 or shot.view.dip < np.radians(4) for shot in shots]) * 100
-    return {min((near, shot.name) for near, shot in zip(nearness + unfit, shots) if shot.look.kind == kind)[1] for kind in KINDS}
+    unfit = (
+        np.array([shot.view.focal_px > 400 or shot.share == 0 or shot.view.dip < np.radians(4) for shot in shots]) * 100
+    )
+    return {
+        min((near, shot.name) for near, shot in zip(nearness + unfit, shots) if shot.look.kind == kind)[1]
+        for kind in KINDS
+    }
 
 
 def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
-    """All shots of the collection by ascending name, and the names of the test photos. times: how often there are COUNTS of each light."""
+    """All shots of the collection by ascending name, and the names of the test photos.
+    times: how often there are COUNTS of each light."""
     rng = np.random.default_rng(SEED)
     groups = static_groups()
     sizes = np.cumsum([len(one.solids) for one in groups])
-    church = int(next(size for size, one in zip(sizes, groups) if one.centre[0] < -15))  # the loggia is the church's last group
+    # The loggia is the church's last group.
+    church = int(next(size for size, one in zip(sizes, groups) if one.centre[0] < -15))
     obstacles = int(sizes[-1] - 1)
     kinds = [kind for kind, count in COUNTS.items() for _ in range(times * count)]
     count = len(kinds)
@@ -101,6 +108,8 @@ def variant(shots: list[Shot], name: str) -> list[Shot]:
     for shot in shots:
         same = replace(look, exposure=1.0, balance=(1.0, 1.0, 1.0), **camera)
         if name == "exposure":
-            same = replace(same, exposure=shot.look.exposure / WEATHER_EXPOSURE[shot.look.kind], balance=shot.look.balance)
+            same = replace(
+                same, exposure=shot.look.exposure / WEATHER_EXPOSURE[shot.look.kind], balance=shot.look.balance
+            )
         made.append(replace(shot, look=same, share=shot.share if name == "crowd" else 0.0))
     return made

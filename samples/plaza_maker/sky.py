@@ -49,4 +49,8 @@ def sky(look: Look, directions: np.ndarray) -> np.ndarray:
 def ambient(look: Look, directions: np.ndarray) -> np.ndarray:
     """The sky as a light: like `sky`, clouds averaged, no disc."""
     clouds = 0.5 * np.float32(look.cloud_shade) + 0.5 * np.float32(look.cloud_light)
-    return mix(gradient(look, directions), clouds, np.full(directions.shape[1], 0.75 * look.clouds * look.cloud_opacity, np.float32))
+    return mix(
+        gradient(look, directions),
+        clouds,
+        np.full(directions.shape[1], 0.75 * look.clouds * look.cloud_opacity, np.float32),
+    )

@@ -56,7 +56,16 @@ def make(kind, centre, size, material, yaw=0.0, rotation=None, taper=1.0, holes=
         angle = np.radians(yaw)
         c, s = np.cos(angle), np.sin(angle)
         rotation = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    return Solid(kind, np.asarray(centre, float), np.asarray(size, float), np.asarray(rotation, float), material, params, taper, tuple(holes))
+    return Solid(
+        kind,
+        np.asarray(centre, float),
+        np.asarray(size, float),
+        np.asarray(rotation, float),
+        material,
+        params,
+        taper,
+        tuple(holes),
+    )
 
 
 def limb(start, end, start_radius, end_radius, material, **params) -> Solid:
@@ -69,7 +78,9 @@ def limb(start, end, start_radius, end_radius, material, **params) -> Solid:
     side /= np.linalg.norm(side)
     rotation = np.stack([side, np.cross(axis, side), axis])
     size = (start_radius, start_radius, length / 2)
-    return make("frustum", (start + end) / 2, size, material, rotation=rotation, taper=end_radius / start_radius, **params)
+    return make(
+        "frustum", (start + end) / 2, size, material, rotation=rotation, taper=end_radius / start_radius, **params
+    )
 
 
 def _slabs(origin, inverse, low, high):
@@ -119,7 +130,9 @@ def _frustum_interval(solid, o, d):
 
 def _prism_interval(solid, o, d):
     half, length, height = (np.float32(v) for v in solid.size)
-    enter, leave = _slabs(o, 1 / d, np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32))
+    enter, leave = _slabs(
+        o, 1 / d, np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32)
+    )
     for sign in (-1, 1):  # the two roof planes: sign * x * height + z * half <= half * height
         speed = sign * d[0] * height + d[2] * half
         distance = half * height - (sign * o[0] * height + o[2] * half)
@@ -136,14 +149,19 @@ def _arch_interval(solid, o, d):
     low, high = np.array([-half, -length, 0], np.float32), np.array([half, length, height], np.float32)
     enter, leave = _slabs(o, inverse, low, high)
     rise = o[2] - height
-    round_enter, round_leave = _quadric(d[0] * d[0] + d[2] * d[2], o[0] * d[0] + rise * d[2], o[0] * o[0] + rise * rise - half * half)
+    round_enter, round_leave = _quadric(
+        d[0] * d[0] + d[2] * d[2], o[0] * d[0] + rise * d[2], o[0] * o[0] + rise * rise - half * half
+    )
     first, second = (-length - o[1]) * inverse[1], (length - o[1]) * inverse[1]
     round_enter = np.maximum(round_enter, np.minimum(first, second))
     round_leave = np.minimum(round_leave, np.maximum(first, second))
     boxed, rounded = enter <= leave, round_enter <= round_leave
     # The union of the two is convex, so its interval runs from the earlier entry to the later exit.
     enter, leave = np.where(boxed, enter, MISS), np.where(boxed, leave, -MISS)
-    return (np.where(rounded, np.minimum(enter, round_enter), enter), np.where(rounded, np.maximum(leave, round_leave), leave))
+    return (
+        np.where(rounded, np.minimum(enter, round_enter), enter),
+        np.where(rounded, np.maximum(leave, round_leave), leave),
+    )
 
 
 def interval(solid: Solid, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -199,7 +217,16 @@ def normals(solid: Solid, local: np.ndarray) -> np.ndarray:
         return np.where(cap < flank, result, side)
     if solid.kind == "prism":
         lean = np.hypot(size[0], size[2])
-        planes = np.array([[size[2] / lean, 0, size[0] / lean], [-size[2] / lean, 0, size[0] / lean], [0, 1, 0], [0, -1, 0], [0, 0, -1]], np.float32)
+        planes = np.array(
+            [
+                [size[2] / lean, 0, size[0] / lean],
+                [-size[2] / lean, 0, size[0] / lean],
+                [0, 1, 0],
+                [0, -1, 0],
+                [0, 0, -1],
+            ],
+            np.float32,
+        )
         offsets = np.array([size[0] * size[2] / lean] * 2 + [size[1]] * 2 + [0], np.float32)
         return planes[(planes @ local - offsets[:, None]).argmax(axis=0)].T.copy()
     above = local[2] > size[2]

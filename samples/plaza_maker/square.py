@@ -11,14 +11,44 @@ from samples.plaza_maker.solids import limb, make
 
 FOUNTAIN = (-5.5, -17.0)
 STATUE = (9.5, -14.5)
-LAMPS = ((-13.0, -11.0), (13.0, -9.5), (-14.0, -24.0), (3.0, -24.5), (16.5, -21.0), (-24.0, -3.0), (24.0, -4.0), (20.0, 16.0))
-TREES = ((-21.0, -8.0), (-24.5, -15.0), (-20.5, -22.5), (22.0, -11.5), (25.0, -18.0), (24.5, 6.0), (-28.0, 3.0), (27.5, 18.0), (-28.0, 16.0))
-FLOODLIGHTS = ((-9.0, -8.6), (-3.0, -9.0), (3.0, -9.0), (9.0, -8.6), (12.4, -1.5), (18.8, -1.0), (-16.5, 0.5), (-12.6, 14.0), (18.6, 10.5))
+LAMPS = (
+    (-13.0, -11.0),
+    (13.0, -9.5),
+    (-14.0, -24.0),
+    (3.0, -24.5),
+    (16.5, -21.0),
+    (-24.0, -3.0),
+    (24.0, -4.0),
+    (20.0, 16.0),
+)
+TREES = (
+    (-21.0, -8.0),
+    (-24.5, -15.0),
+    (-20.5, -22.5),
+    (22.0, -11.5),
+    (25.0, -18.0),
+    (24.5, 6.0),
+    (-28.0, 3.0),
+    (27.5, 18.0),
+    (-28.0, 16.0),
+)
+FLOODLIGHTS = (
+    (-9.0, -8.6),
+    (-3.0, -9.0),
+    (3.0, -9.0),
+    (9.0, -8.6),
+    (12.4, -1.5),
+    (18.8, -1.0),
+    (-16.5, 0.5),
+    (-12.6, 14.0),
+    (18.6, 10.5),
+)
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp that is lit by night. place: (3,) metres. power: (3,) radiance of a white wall at one metre. reach: metres."""
+    """A lamp that is lit by night. place: (3,) metres.
+    power: (3,) radiance of a white wall at one metre. reach: metres."""
 
     place: np.ndarray
     power: np.ndarray
@@ -47,7 +77,15 @@ def fountain() -> list[Group]:
     signs = ("A Y", "+ o", "V =", "N *", "T #", "o X", "= Z", "W +", "* H", "Y V")
     carving = {"lines": signs, "shape": (640, 96), "scale": 1.15, "thickness": 3, "ink": np.float32([0.16, 0.09, 0.07])}
     shaft = [
-        make("box", (x, y, 6.7), (0.46, 0.46, 3.1), "inscription", area=(-0.4, -3.0, 0.8, 6.0), tone=(1.0, 0.72, 0.62), **carving),
+        make(
+            "box",
+            (x, y, 6.7),
+            (0.46, 0.46, 3.1),
+            "inscription",
+            area=(-0.4, -3.0, 0.8, 6.0),
+            tone=(1.0, 0.72, 0.62),
+            **carving,
+        ),
         make("frustum", (x, y, 10.15), (0.62, 0.62, 0.35), "metal", colour=GILT, taper=0.05),
         make("sphere", (x, y, 10.75), (0.22, 0.22, 0.22), "metal", colour=GILT),
     ]
@@ -58,7 +96,13 @@ def statue() -> list[Group]:
     """A bronze leader with a raised arm and a spear, on a pedestal with a dedication."""
     x, y = STATUE
     bronze = {"material": "metal", "colour": (0.13, 0.23, 0.18)}
-    text = {"lines": ("FELIX", "PICTOR", "SOLIS", "MMXXV"), "shape": (256, 256), "scale": 1.5, "thickness": 3, "area": (-1.0, -0.9, 2.0, 1.8)}
+    text = {
+        "lines": ("FELIX", "PICTOR", "SOLIS", "MMXXV"),
+        "shape": (256, 256),
+        "scale": 1.5,
+        "thickness": 3,
+        "area": (-1.0, -0.9, 2.0, 1.8),
+    }
     pedestal = [
         make("box", (x, y, 0.2), (2.1, 2.1, 0.2), "marble"),
         make("box", (x, y, 0.5), (1.7, 1.7, 0.15), "marble"),
@@ -118,7 +162,14 @@ def lamp_post(x: float, y: float) -> Group:
 def houses() -> list[Group]:
     """A ring of town houses with pitched roofs, and hills behind."""
     rng = np.random.default_rng(77)
-    walls = [(0.62, 0.43, 0.24), (0.66, 0.55, 0.38), (0.55, 0.30, 0.20), (0.60, 0.56, 0.50), (0.64, 0.38, 0.28), (0.47, 0.45, 0.36)]
+    walls = [
+        (0.62, 0.43, 0.24),
+        (0.66, 0.55, 0.38),
+        (0.55, 0.30, 0.20),
+        (0.60, 0.56, 0.50),
+        (0.64, 0.38, 0.28),
+        (0.47, 0.45, 0.36),
+    ]
     shutters = [(0.07, 0.16, 0.09), (0.18, 0.10, 0.06), (0.10, 0.14, 0.20), (0.28, 0.26, 0.22)]
     result, angle = [], 0.0
     while angle < 2 * np.pi - 0.08:
@@ -128,13 +179,23 @@ def houses() -> list[Group]:
         distance = 66 + rng.uniform(-2, 5)
         x, y = distance * np.sin(middle), 6 + distance * np.cos(middle)
         tall = rng.uniform(3, 6.4) * 3.1 / 2
-        params = {"seed": int(rng.integers(1, 10_000)), "colour": walls[rng.integers(len(walls))], "shutter": shutters[rng.integers(len(shutters))]}
+        params = {
+            "seed": int(rng.integers(1, 10_000)),
+            "colour": walls[rng.integers(len(walls))],
+            "shutter": shutters[rng.integers(len(shutters))],
+        }
         yaw = -np.degrees(middle)
         block = [make("box", (x, y, tall), (half, 5.0, tall), "house", yaw=yaw, **params)]
         block.append(make("prism", (x, y, 2 * tall), (5.6, half + 0.3, rng.uniform(1.6, 2.6)), "tiles", yaw=yaw + 90))
         result.append(group(block))
         angle += turn * rng.uniform(0.98, 1.06)
-    for x, y, size, tall in ((-150, 230, 130, 42), (60, 300, 160, 34), (240, 180, 120, 46), (-290, 40, 130, 30), (300, -60, 120, 38)):
+    for x, y, size, tall in (
+        (-150, 230, 130, 42),
+        (60, 300, 160, 34),
+        (240, 180, 120, 46),
+        (-290, 40, 130, 30),
+        (300, -60, 120, 38),
+    ):
         result.append(group([make("sphere", (x, y, -6), (size, size * 0.7, tall), "hill")]))
     return result
 
@@ -148,7 +209,10 @@ def furniture() -> list[Group]:
         parts += [make("box", (x + t * c, y + t * s, 0.2), (0.12, 0.22, 0.2), "marble", yaw=yaw) for t in (-0.75, 0.75)]
         result.append(group(parts))
     for x, y in ((-12.4, -8.6), (12.4, -6.5), (-15.2, 1.8), (-19.6, 1.8), (17.9, 0.4)):
-        pot = [make("frustum", (x, y, 0.4), (0.42, 0.42, 0.4), "tiles", taper=1.35), make("sphere", (x, y, 1.25), (0.62, 0.62, 0.75), "foliage")]
+        pot = [
+            make("frustum", (x, y, 0.4), (0.42, 0.42, 0.4), "tiles", taper=1.35),
+            make("sphere", (x, y, 1.25), (0.62, 0.62, 0.75), "foliage"),
+        ]
         result.append(group(pot))
     return result
 
@@ -174,7 +238,10 @@ def lamps() -> tuple[Lamp, ...]:
     posts = [Lamp(np.array([x, y, 4.7]), np.array([1.0, 0.66, 0.32]) * 3.6, 15.0) for x, y in LAMPS]
     floods = [Lamp(np.array([x, y, 0.5]), np.array([1.0, 0.74, 0.42]) * 9.0, 24.0) for x, y in FLOODLIGHTS]
     inner = [Lamp(np.array([x, -3.0, 7.6]), np.array([1.0, 0.6, 0.25]) * 4.0, 12.0) for x in (-5.0, 0.0, 5.0)]
-    crown = [Lamp(np.array([x, y, 14.2]), np.array([0.75, 0.85, 1.0]) * 6.0, 16.0) for x, y in ((-7.5, 5.0), (7.5, 5.0), (0.0, 3.0))]
+    crown = [
+        Lamp(np.array([x, y, 14.2]), np.array([0.75, 0.85, 1.0]) * 6.0, 16.0)
+        for x, y in ((-7.5, 5.0), (7.5, 5.0), (0.0, 3.0))
+    ]
     belfry = [Lamp(np.array([*TOWER, 21.0]), np.array([1.0, 0.6, 0.25]) * 3.0, 8.0)]
     arcade = [Lamp(np.array([x, 6.0, 3.8]), np.array([1.0, 0.6, 0.25]) * 2.0, 10.0) for x in (-19.5, -14.5)]
     return (*posts, *floods, *inner, *crown, *belfry, *arcade)

@@ -86,9 +86,15 @@ def house(point, normal, footprint, params):
     wall = np.asarray(params["colour"], np.float32)[:, None] * (0.72 + 0.5 * wear)
     wall = mix(wall, colour(0.62, 0.58, 0.5), stripe(v, storey, 0.22, blur))
     opening = within(x, -0.48, 0.48, blur) * within(y, 0.9, 2.5, blur)
-    shutters = within(np.abs(x), 0.5, 0.95, blur) * within(y, 0.9, 2.5, blur) * (scatter(column, axis, row, seed=seed + 1) < 0.7)
+    shutters = (
+        within(np.abs(x), 0.5, 0.95, blur)
+        * within(y, 0.9, 2.5, blur)
+        * (scatter(column, axis, row, seed=seed + 1) < 0.7)
+    )
     bars = np.maximum(within(x, -0.04, 0.04, blur), stripe(y - 0.9, 0.55, 0.06, blur))
-    albedo = mix(wall, np.asarray(params["shutter"], np.float32), shutters * (0.75 + 0.25 * stripe(v, 0.16, 0.08, blur)))
+    albedo = mix(
+        wall, np.asarray(params["shutter"], np.float32), shutters * (0.75 + 0.25 * stripe(v, 0.16, 0.08, blur))
+    )
     albedo = mix(albedo, mix(colour(0.05, 0.06, 0.08), colour(0.5, 0.48, 0.45), bars), opening)
     side = axis != 2
     albedo = np.where(side, albedo, colour(0.30, 0.16, 0.11)[:, None] * (0.7 + 0.6 * wear)).astype(np.float32)
@@ -135,7 +141,11 @@ def paint(point, normal, footprint, params):
     low, high = params["panes"]
     z = point[2]
     posts = stripe(point[0], params["pane"], 0.11, footprint) * side
-    across = np.where(side, within(np.abs(point[0]), -1, length * 0.94, footprint), within(np.abs(point[1]), -1, width * 0.86, footprint))
+    across = np.where(
+        side,
+        within(np.abs(point[0]), -1, length * 0.94, footprint),
+        within(np.abs(point[1]), -1, width * 0.86, footprint),
+    )
     pane = within(z, low, high, footprint) * (side | front) * across * (1 - posts)
     if "band" in params:
         albedo = mix(albedo, np.asarray(params["band"], np.float32), within(z, low - 0.55, low - 0.2, footprint))
@@ -144,7 +154,9 @@ def paint(point, normal, footprint, params):
     spot = spot * within(z, -height * 0.3, height * 0.1, footprint) * params.get("lights", 1.0)
     tone = np.where(point[0] > 0, colour(0.9, 0.88, 0.8)[:, None], colour(0.6, 0.05, 0.04)[:, None])
     gloss = 0.1 + 0.3 * pane
-    return Surface(mix(albedo, tone, spot), None, tone * spot * 1.5 + LAMPLIGHT[:, None] * pane * params.get("inside", 0.0), gloss)
+    return Surface(
+        mix(albedo, tone, spot), None, tone * spot * 1.5 + LAMPLIGHT[:, None] * pane * params.get("inside", 0.0), gloss
+    )
 
 
 def tyre(point, normal, footprint, params):

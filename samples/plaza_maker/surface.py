@@ -34,7 +34,13 @@ def wall_coordinates(point: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray,
 def wall_tilt(along: np.ndarray, up: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """A tilt from slopes along u and v of `wall_coordinates`."""
     zero = np.zeros_like(along)
-    return np.stack([np.where(axis == 0, zero, along), np.where(axis == 0, along, np.where(axis == 2, up, zero)), np.where(axis == 2, zero, up)])
+    return np.stack(
+        [
+            np.where(axis == 0, zero, along),
+            np.where(axis == 0, along, np.where(axis == 2, up, zero)),
+            np.where(axis == 2, zero, up),
+        ]
+    )
 
 
 def sample(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -53,5 +59,7 @@ def engraved(lines: list[str], width: int, height: int, scale: float, thickness:
     for number, line in enumerate(lines):
         (wide, tall), _ = cv2.getTextSize(line, cv2.FONT_HERSHEY_TRIPLEX, scale, thickness)
         baseline = int(height * (number + 0.5) / len(lines) + tall / 2)
-        cv2.putText(picture, line, ((width - wide) // 2, baseline), cv2.FONT_HERSHEY_TRIPLEX, scale, 255, thickness, cv2.LINE_AA)
+        cv2.putText(
+            picture, line, ((width - wide) // 2, baseline), cv2.FONT_HERSHEY_TRIPLEX, scale, 255, thickness, cv2.LINE_AA
+        )
     return picture.astype(np.float32) / 255

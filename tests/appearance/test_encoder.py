@@ -68,7 +68,8 @@ def test_colours_of_bands_are_means_of_what_is_static():
     everything, upper = torch.ones(1, 1, 8, 12), torch.ones(1, 1, 8, 12)
     upper[..., 4:8, :6] = 0.0
     means = [part.mean((1, 2)) for part in photo.chunk(4, dim=1)]
-    assert torch.allclose(band_colours(photo, everything, 4), torch.stack(means, dim=1).flatten(), atol=1e-6)  # float32 sums
+    # float32 sums.
+    assert torch.allclose(band_colours(photo, everything, 4), torch.stack(means, dim=1).flatten(), atol=1e-6)
     means[2], means[3] = (part[:, :, 24:].mean((1, 2)) for part in photo.chunk(4, dim=1)[2:])
     # What is hidden counts a millionth.
     assert torch.allclose(band_colours(photo, upper, 4), torch.stack(means, dim=1).flatten(), atol=1e-5)

@@ -36,7 +36,10 @@ def inputs(values) -> dict[str, torch.Tensor]:
 
 
 @few
-@given(values=st.lists(st.tuples(places, st.sampled_from(EXTREMES + POISON)), max_size=6), mode=st.sampled_from(list(MODELS)))
+@given(
+    values=st.lists(st.tuples(places, st.sampled_from(EXTREMES + POISON)), max_size=6),
+    mode=st.sampled_from(list(MODELS)),
+)
 def test_a_poisoned_gaussian_keeps_its_poison_to_itself(values, mode):
     """Bit for bit: what is baked for the others is what is baked without it."""
     chosen, embedding = MODELS[mode], torch.linspace(-2, 2, 16)
@@ -50,7 +53,10 @@ def test_a_poisoned_gaussian_keeps_its_poison_to_itself(values, mode):
 
 
 @few
-@given(values=st.lists(st.tuples(places, st.sampled_from(EXTREMES[:-2])), max_size=6), scale=st.sampled_from([0.0, 1e-40, 1.0, 1e6]))
+@given(
+    values=st.lists(st.tuples(places, st.sampled_from(EXTREMES[:-2])), max_size=6),
+    scale=st.sampled_from([0.0, 1e-40, 1.0, 1e6]),
+)
 def test_finite_gaussians_and_embeddings_have_bounded_residuals_and_finite_gradients(values, scale):
     chosen, given_ = MODELS["full"], inputs(values)
     embedding = (scale * torch.linspace(-1, 1, 16)).requires_grad_()

@@ -22,7 +22,9 @@ def randn(*shape: int) -> torch.Tensor:
 def checked(stage, *inputs: torch.Tensor) -> bool:
     """gradcheck by the inputs and by the weights of the stage, which are moved in place."""
     weights = list(stage.parameters()) if isinstance(stage, torch.nn.Module) else []
-    return torch.autograd.gradcheck(lambda *values: stage(*values[: len(inputs)]), [x.requires_grad_() for x in inputs] + weights, **CHECK)
+    return torch.autograd.gradcheck(
+        lambda *values: stage(*values[: len(inputs)]), [x.requires_grad_() for x in inputs] + weights, **CHECK
+    )
 
 
 @pytest.mark.parametrize("masked", [True, False])

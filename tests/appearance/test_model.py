@@ -147,7 +147,9 @@ def test_transfer_honours_residual_and_detach_sh():
     assert output is sh
 
 
-@pytest.mark.parametrize("changes", [{}, {"latent_size": 3}, {"residual": False}, {"appearance": "exposure"}, {"appearance": "off"}], ids=str)
+@pytest.mark.parametrize(
+    "changes", [{}, {"latent_size": 3}, {"residual": False}, {"appearance": "exposure"}, {"appearance": "off"}], ids=str
+)
 def test_bake_equals_transfer_bit_for_bit(changes):
     model = model_of(**changes)
     splats, embedding = splats_of(2600), torch.randn(6)
@@ -159,7 +161,9 @@ def test_bake_equals_transfer_bit_for_bit(changes):
     assert torch.equal(baked.means, splats.means)
     visible = torch.arange(0, 2600, 3)
     part = None if latents is None else latents[visible]
-    assert torch.equal(model.transfer(TransferInput(splats.sh[visible], splats.means[visible], part), embedding)[0], live[visible])
+    assert torch.equal(
+        model.transfer(TransferInput(splats.sh[visible], splats.means[visible], part), embedding)[0], live[visible]
+    )
     assert len(model.bake(splats[:0], embedding, None if latents is None else latents[:0])) == 0
 
 
@@ -247,7 +251,8 @@ def test_remembering_an_embedding_does_not_change_earlier_looks():
 
 
 def test_a_photo_from_outside_is_held_within_the_known_range(monkeypatch):
-    """It is moved towards the mean of the known embeddings; embeddings within the range, and those of training photos, do not change by a bit."""
+    """It is moved towards the mean of the known embeddings;
+    embeddings within the range, and those of training photos, do not change by a bit."""
     model = model_of()
     directions = torch.linalg.qr(torch.randn(6, 6)).Q
     met = 1.5 + torch.randn(5, 3).clamp(-2, 2) * torch.tensor([3.0, 1.0, 0.2]) @ directions[:3]  # in a plane of three
@@ -282,14 +287,19 @@ def test_the_known_range_of_a_finished_model_is_that_of_its_final_embeddings():
     met, state = model.met_embeddings.clone(), model.state_dict().keys()
     masked, unmasked = torch.randn(2, 5, 6)
     model.meet_as_finished(masked, unmasked)
-    assert torch.equal(model.known_embeddings, torch.cat([masked, unmasked])) and max(map(model.known_range().distance, model.known_embeddings)) == 1
+    assert (
+        torch.equal(model.known_embeddings, torch.cat([masked, unmasked]))
+        and max(map(model.known_range().distance, model.known_embeddings)) == 1
+    )
     assert torch.equal(model.met_embeddings, met) and model.state_dict().keys() == state
 
 
 def test_a_photo_from_outside_is_encoded_as_if_all_of_it_were_static():
     model, photo = model_of(), torch.rand(3, 40, 50)
     with torch.no_grad():
-        whole, masked = (model.encoder(shrink(photo, model.settings.encoder_side_px), masked)[0] for masked in (False, True))
+        whole, masked = (
+            model.encoder(shrink(photo, model.settings.encoder_side_px), masked)[0] for masked in (False, True)
+        )
     assert torch.equal(model.embedding_from_outside(photo), whole)
     assert not torch.allclose(whole, masked, atol=1e-3)
     table = model_of(embedding="glo", transients="off")

@@ -48,4 +48,6 @@ def test_the_kernel_of_a_gpu_encodes_the_same_places():
     means[0] = 0
     found = positional_encoding_cuda.encoded_places(means.to(device), 4).cpu().double()
     # Rounding of the angle and its sine, doubled by each octave.
-    assert torch.allclose(found, encode(contract(means.double()), 4), rtol=0, atol=2**4 * 8 * torch.finfo(torch.float32).eps)
+    assert torch.allclose(
+        found, encode(contract(means.double()), 4), rtol=0, atol=2**4 * 8 * torch.finfo(torch.float32).eps
+    )

@@ -5,7 +5,17 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import LATER_STEPS, LEAST_SKY, LONGER_SIDE_PX, STEPS, Wanted, _share_of_cells, refinement, steps_of, without_strangers
+from core.appearance.refinement import (
+    LATER_STEPS,
+    LEAST_SKY,
+    LONGER_SIDE_PX,
+    STEPS,
+    Wanted,
+    _share_of_cells,
+    refinement,
+    steps_of,
+    without_strangers,
+)
 from core.scene.camera import Camera
 from core.scene.cells import CELL_PX
 from tests.flat_view import FlatView
@@ -90,8 +100,16 @@ def test_a_larger_photo_is_shrunk_by_area_and_what_is_invalid_does_not_count():
     picture[~valid] = 0.9
     photo = shown(picture, valid)
     camera, weight, half = photo.camera, photo.weight, width // 2
-    assert (camera.width, camera.height, camera.fx) == (half, LONGER_SIDE_PX, 250.0) and photo.picture.shape == (LONGER_SIDE_PX, half, 3)
-    assert weight[0, 0] == 0.75 and (weight[1:, : half // 4] == 1).all() and (weight[:, half // 4 : half // 2] == 0.5).all()
+    assert (camera.width, camera.height, camera.fx) == (half, LONGER_SIDE_PX, 250.0) and photo.picture.shape == (
+        LONGER_SIDE_PX,
+        half,
+        3,
+    )
+    assert (
+        weight[0, 0] == 0.75
+        and (weight[1:, : half // 4] == 1).all()
+        and (weight[:, half // 4 : half // 2] == 0.5).all()
+    )
     assert not weight[:, half // 2 :].any()
     counts = weight > 0
     torch.testing.assert_close(photo.picture[counts], torch.full((int(counts.sum()), 3), 0.25))
@@ -109,11 +127,15 @@ def test_weights_that_embeddings_give_can_go_beyond_what_any_embedding_gives():
 
 @pytest.mark.parametrize("as_much, learned", [(0, True), (60, False)])
 def test_shared_weights_are_refined_last_unless_that_would_change_the_unseen_more_than_the_seen(as_much, learned):
-    """as_much: how many times as far as the picture the colours out of view move. The embedding is bounded, so that only
-    the shared weights can fit this picture."""
-    view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)})
+    """as_much: how many times as far as the picture the colours out of view move. The embedding is bounded, so that
+    only the shared weights can fit this picture."""
+    view = FlatView(
+        (4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)}
+    )
     view.harmonics = lambda rows, look: (
-        as_much * look.changes["layers.0.bias"].expand(len(rows), 1, 3) if look.changes else torch.zeros(len(rows), 1, 3)
+        as_much * look.changes["layers.0.bias"].expand(len(rows), 1, 3)
+        if look.changes
+        else torch.zeros(len(rows), 1, 3)
     )
     steps = list(refinement(view, Colouring(torch.full((3,), 0.9)), shown(torch.zeros(4, 6, 3))))
     assert len(steps) == steps_of(view) + 1 == STEPS + LATER_STEPS + 1 and steps[STEPS].changes == {}
@@ -134,7 +156,9 @@ def test_a_photo_with_few_valid_pixels_is_followed_no_less():
     for columns in (1, 6):
         valid = torch.zeros(4, 6, dtype=torch.bool)
         valid[:, :columns] = True
-        view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)})
+        view = FlatView(
+            (4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"layers.0.bias": torch.zeros(3)}
+        )
         view.harmonics = lambda rows, look: 4 * sum(look.changes.values(), torch.zeros(3)).expand(len(rows), 1, 3)
         *_, last = refinement(view, Colouring(torch.full((3,), 0.9)), shown(torch.zeros(4, 6, 3), valid))
         moves.append(last.changes["layers.0.bias"])
@@ -142,7 +166,9 @@ def test_a_photo_with_few_valid_pixels_is_followed_no_less():
     torch.testing.assert_close(moves[0], moves[1], rtol=0.01, atol=1e-4)
 
 
-@pytest.mark.parametrize("columns, weight", [(0, 1.0), (10, 1.0), (20, 1.0), (30, 1 / 3), (39, LEAST_SKY), (40, LEAST_SKY)])
+@pytest.mark.parametrize(
+    "columns, weight", [(0, 1.0), (10, 1.0), (20, 1.0), (30, 1 / 3), (39, LEAST_SKY), (40, LEAST_SKY)]
+)
 def test_the_sky_counts_no_more_than_the_place(columns, weight):
     sky, pixels = torch.zeros(40), torch.full((40,), 64.0)
     sky[:columns] = 64

@@ -41,7 +41,8 @@ def called(transfer: SHTransfer, sh, means, embedding, latents=None) -> torch.Te
 
 
 def incoming(output: torch.Tensor) -> torch.Tensor:
-    """A gradient to start from, not symmetric about 0: sums that cancel would measure nothing but their own rounding."""
+    """A gradient to start from, not symmetric about 0:
+    sums that cancel would measure nothing but their own rounding."""
     return torch.linspace(-0.5, 1, output.numel(), dtype=output.dtype).view_as(output)
 
 
@@ -128,7 +129,9 @@ def test_a_gaussian_does_not_depend_on_the_others():
     inputs = inputs_of(transfer, 2 * ROWS + 300)
     everything = called(transfer, **inputs)
     rows = torch.randperm(len(everything))[: ROWS + 17]
-    assert torch.equal(transfer(TransferInput(inputs["sh"][rows], inputs["means"][rows]), inputs["embedding"]), everything[rows])
+    assert torch.equal(
+        transfer(TransferInput(inputs["sh"][rows], inputs["means"][rows]), inputs["embedding"]), everything[rows]
+    )
     with torch.no_grad():
         assert torch.equal(called(transfer, **inputs), everything)
     poisoned = inputs["sh"].detach().clone()
@@ -228,14 +231,17 @@ def test_wrong_sizes_are_refused_by_name(wrong, words):
 
 
 def test_chunks_and_the_whole_agree(monkeypatch):
-    """What does not fit into memory is computed twice, a chunk at a time: the same but for the order of sums in float64."""
+    """What does not fit into memory is computed twice, a chunk at a time:
+    the same but for the order of sums in float64."""
     torch.manual_seed(0)
     model = SHTransfer(whole_settings()).double()
     sh, means, embedding = torch.randn(50, 4, 3).double(), torch.randn(50, 3).double(), torch.randn(16).double()
     outcomes, calls = [], []
     for limit in (transfer_mlp.CHUNK_BYTES, 20_000):
         monkeypatch.setattr(transfer_mlp, "CHUNK_BYTES", limit)
-        monkeypatch.setattr(transfer_mlp, "plain_mlp", lambda *arguments: calls.append(len(arguments[0])) or plain_mlp(*arguments))
+        monkeypatch.setattr(
+            transfer_mlp, "plain_mlp", lambda *arguments: calls.append(len(arguments[0])) or plain_mlp(*arguments)
+        )
         base = sh.clone().requires_grad_()
         output = model(TransferInput(base, means), embedding)
         outcomes.append([output, *torch.autograd.grad((output**2).sum(), [base, *model.parameters()])])

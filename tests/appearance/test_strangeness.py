@@ -6,7 +6,9 @@ import torch
 from core.appearance.strangeness import USUAL, quantile, retoned
 
 
-@pytest.mark.parametrize("picture", [torch.zeros(3, 12, 16), torch.full((3, 12, 16), 0.7)], ids=["black", "of one colour"])
+@pytest.mark.parametrize(
+    "picture", [torch.zeros(3, 12, 16), torch.full((3, 12, 16), 0.7)], ids=["black", "of one colour"]
+)
 def test_a_picture_of_one_colour_can_be_retoned(picture):
     torch.testing.assert_close(retoned(picture, picture), picture)
     moved = retoned(picture, picture + 0.1)

@@ -27,7 +27,8 @@ def test_every_colour_is_multiplied_by_its_gain():
 def test_a_black_sky_above_a_lit_place_is_found():
     wanted = SKY_ABOVE[0] * torch.tensor([0.9, 0.6, 0.4]) + SKY_ABOVE[1] * 0.05
     found = tone_between(SKY_ABOVE, wanted)
-    torch.testing.assert_close(found, torch.tensor([[0.9, 0.6, 0.4], [0.05] * 3]), rtol=0, atol=0.04)  # drawn toward 1 a little
+    # Drawn toward 1 a little.
+    torch.testing.assert_close(found, torch.tensor([[0.9, 0.6, 0.4], [0.05] * 3]), rtol=0, atol=0.04)
     bright = tone_between(SKY_ABOVE, torch.full((BANDS, 3), 0.9))
     assert bright.max() == pytest.approx(LARGEST_GAIN)
     assert tone_between(SKY_ABOVE, torch.zeros(BANDS, 3)).max() < 0.1

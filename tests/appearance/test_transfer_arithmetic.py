@@ -65,6 +65,8 @@ LINE = numba.float32[::1]
 LOOPS = {bound_softly: (LINE, numba.float32, LINE, LINE), encode_places: (BLOCK, numba.int64, BLOCK)}
 
 
-@pytest.mark.parametrize("part, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_places, r"vfn?m\w+pd\s.*[yz]mm")])
+@pytest.mark.parametrize(
+    "part, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_places, r"vfn?m\w+pd\s.*[yz]mm")]
+)
 def test_loops_are_vectorised(part, instruction):
     assert re.search(instruction, assembly_of(part, LOOPS[part]))

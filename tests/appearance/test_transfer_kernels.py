@@ -1,4 +1,5 @@
-"""The matrix product of the SH transfer's kernels, and what the compiler makes of them. Values and gradients: test_sh_transfer."""
+"""The matrix product of the SH transfer's kernels, and what the compiler makes of them.
+Values and gradients: test_sh_transfer."""
 
 import re
 
@@ -43,7 +44,9 @@ def test_a_relu_keeps_nan():
     assert np.isnan(result[1]).all() and (np.delete(result, 1, axis=0) == 0).all()
 
 
-@pytest.mark.parametrize("kernel", [evaluate, differentiate_output, differentiate_hidden], ids=["forward", "output", "hidden"])
+@pytest.mark.parametrize(
+    "kernel", [evaluate, differentiate_output, differentiate_hidden], ids=["forward", "output", "hidden"]
+)
 def test_kernels_use_wide_registers(kernel):
     transfer = SHTransfer(whole_settings(sh_degree=1))
     transfer(TransferInput(torch.zeros(2, 4, 3), torch.zeros(2, 3)), torch.zeros(16)).sum().backward()

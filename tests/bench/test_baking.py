@@ -26,7 +26,10 @@ def test_bytes_fall_and_errors_grow_along_each_curve(trained, monkeypatch):
         grown = [point.values["rms_steps"].median for point in points]
         assert sizes[0] > sizes[1] > sizes[2] and grown[0] < grown[1] < grown[2]
     whole, bare = curves["SH degree 1"][0], curves["SH degree 0"][0]
-    assert whole.label == "everything (--prune off)" and whole.values["rms_steps"].median == whole.values["max_steps"].median == 0
+    assert (
+        whole.label == "everything (--prune off)"
+        and whole.values["rms_steps"].median == whole.values["max_steps"].median == 0
+    )
     assert bare.values["rms_steps"].median > 0
     assert [point for point in made.points if point.is_default] == [as_it_bakes]
     left = pruner_of(trained, Report())(bake(trained, find_look(trained, "neutral")))

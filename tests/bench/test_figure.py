@@ -26,7 +26,9 @@ QUALITY = Quantity("quality", "dB", more_is_better=True)
 MADE_ON = {"cpu": "Some, CPU", "threads": "2", "wegs": "1", "seed": "7"}
 
 
-def point(label: str, work: float, error: float, curve: str = "a", is_default: bool = False, quality: float | None = None):
+def point(
+    label: str, work: float, error: float, curve: str = "a", is_default: bool = False, quality: float | None = None
+):
     values = {"seconds": Spread.exactly(work), "error": Spread.exactly(error)}
     if quality is not None:
         values["quality"] = Spread(quality, quality - 1, quality + 1)
@@ -50,7 +52,9 @@ def test_a_spread_is_median_and_quartiles_in_any_order():
 
 
 def test_the_front_holds_what_nothing_beats():
-    made = figure(point("slow and exact", 9, 0), point("fast and rough", 1, 0.5), point("beaten", 9, 0.1), point("worse", 2, 0.6))
+    made = figure(
+        point("slow and exact", 9, 0), point("fast and rough", 1, 0.5), point("beaten", 9, 0.1), point("worse", 2, 0.6)
+    )
     assert labels(made.front(made.panels[0])) == ["fast and rough", "slow and exact"]
     assert labels(made.beaten_by(made.points[2], made.panels[0])) == ["slow and exact"]
 
@@ -140,16 +144,27 @@ def test_no_label_stands_nearer_to_another_point(monkeypatch):
 
     def checked(axis, figure, panel):
         label_points(axis, figure, panel)
-        middles = {one.label: axis.transData.transform([one.values[name].median for name in (panel.x, panel.y)]) for one in figure.points}
+        middles = {
+            one.label: axis.transData.transform([one.values[name].median for name in (panel.x, panel.y)])
+            for one in figure.points
+        }
         for text in axis.texts:
             if text.get_text() in middles:
                 box = text.get_window_extent()
-                nearest[text.get_text()] = min(middles, key=lambda name: math.dist(middles[name], ((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2)))
+                nearest[text.get_text()] = min(
+                    middles, key=lambda name: math.dist(middles[name], ((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2))
+                )
 
     label_points, nearest = drawing._label_points, {}
     monkeypatch.setattr(drawing, "_label_points", checked)
-    steps = point("128 steps", 0.55, 1, quality=1.08), point("160 steps", 0.91, 1, quality=1.7), point("192 steps", 1.27, 1, "a", True, 1.77)
-    files.draw_png(replace(figure(point("0 steps", 0.015, 1, quality=0), *steps), panels=(Panel("seconds", "quality"),)))
+    steps = (
+        point("128 steps", 0.55, 1, quality=1.08),
+        point("160 steps", 0.91, 1, quality=1.7),
+        point("192 steps", 1.27, 1, "a", True, 1.77),
+    )
+    files.draw_png(
+        replace(figure(point("0 steps", 0.015, 1, quality=0), *steps), panels=(Panel("seconds", "quality"),))
+    )
     assert nearest == {name: name for name in ("0 steps", "128 steps", "160 steps", "192 steps")}
 
 
@@ -188,5 +203,7 @@ def test_a_home_that_cannot_be_written_in_does_no_harm(tmp_path):
     (tmp_path / "file").touch()
     program = "from core.bench.files import draw_png; from tests.bench.test_figure import figure, point; draw_png(figure(point('a', 1, 1)))"
     environment = os.environ | {"MPLCONFIGDIR": str(tmp_path / "file" / "matplotlib")}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, cwd=ROOT, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, cwd=ROOT, check=True, capture_output=True, text=True
+    )
     assert done.stderr == ""

@@ -71,4 +71,6 @@ def test_a_protocol_that_cannot_be_measured_leaves_the_other(trained, monkeypatc
 def test_a_run_without_held_out_photos_is_refused(trained):
     train = trained.collection.split("train")
     with pytest.raises(BadInput, match="nothing to draw"):
-        refinement_figure({"run": replace(trained, collection=replace(trained.collection, photos=train))}, ("full",), 3, Report())
+        refinement_figure(
+            {"run": replace(trained, collection=replace(trained.collection, photos=train))}, ("full",), 3, Report()
+        )

@@ -13,10 +13,10 @@ import torch
 
 from core.appearance import refinement
 from core.bench import FIGURES, machine, small_scene, suite
-from core.config import PRESETS
 from core.errors import BadInput
 from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
+from core.presets import PRESETS
 from core.report import Report
 from core.system import lock
 from tests.failing import failing
@@ -153,7 +153,9 @@ def test_without_checks_on_the_way_the_rest_is_measured(small_run, tmp_path):
     figures = suite.bench(None, folder, ("baking", "training"), False, tmp_path, heard, force=True)
     assert [figure.name for figure in figures] == ["baking"]
     assert {path.stem for path in tmp_path.glob("*.csv")} == {"baking", "refinement"}
-    assert heard.lines[0].startswith(f"Nothing is drawn of training: {folder / 'history.csv'} holds no held-out quality.")
+    assert heard.lines[0].startswith(
+        f"Nothing is drawn of training: {folder / 'history.csv'} holds no held-out quality."
+    )
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, monkeypatch):
@@ -186,7 +188,9 @@ def test_presets_end_in_time_and_differ_in_the_rest():
 
 
 def test_what_the_photos_decided_is_kept_with_the_runs_of_a_figure(tmp_path):
-    suite._train(small_collection(tmp_path), small_settings(steps=1).changed(transients="auto"), tmp_path / "run", Report())
+    suite._train(
+        small_collection(tmp_path), small_settings(steps=1).changed(transients="auto"), tmp_path / "run", Report()
+    )
     decisions = json.loads((tmp_path / "run" / "config.json").read_text())["decisions"]
     assert [decision["setting"] for decision in decisions] == ["transients"]
 

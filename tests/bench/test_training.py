@@ -36,14 +36,21 @@ def test_runs_that_differ_in_the_seed_are_one_curve_with_a_spread(small_run, tmp
     assert made.points[0].values["psnr"].low == made.points[0].values["psnr"].high
 
 
-@pytest.mark.parametrize("text", ["", "step,held_out_psnr\n5,21.0\n", f"{HEAD}\n5,1.0,9,1,1,1,0,,\n", f"{HEAD}\n5,x,9,1,1,1,0,3,0.5\n"])
+@pytest.mark.parametrize(
+    "text", ["", "step,held_out_psnr\n5,21.0\n", f"{HEAD}\n5,1.0,9,1,1,1,0,,\n", f"{HEAD}\n5,x,9,1,1,1,0,3,0.5\n"]
+)
 def test_a_history_that_says_nothing_is_refused(small_run, tmp_path, text):
     with pytest.raises(BadInput, match="history.csv"):
         training_figure([Course("bad", (copied(small_run, tmp_path, lambda _: text),))], "T")
 
 
 @pytest.mark.parametrize(
-    "step, fix", [(0, "type: wegs train --resume -o "), (3, "type: wegs train --resume -o "), (40, "It was removed or damaged after the training")]
+    "step, fix",
+    [
+        (0, "type: wegs train --resume -o "),
+        (3, "type: wegs train --resume -o "),
+        (40, "It was removed or damaged after the training"),
+    ],
 )
 def test_a_run_stopped_before_its_first_check_can_go_on(small_run, tmp_path, step, fix):
     stopped = copied(small_run, tmp_path, lambda _: f"{HEAD}\n3,1.0,9,1,1,1,0,,\n")

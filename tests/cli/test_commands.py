@@ -8,8 +8,9 @@ from click.testing import CliRunner
 
 from core import pipeline
 from core.bench import FIGURES, suite
-from core.config import Settings, preset
+from core.config import Settings
 from core.errors import BadInput
+from core.presets import preset
 from core.report import Report
 from tests.failing import failing
 from wegs_cli.main import wegs
@@ -17,7 +18,8 @@ from wegs_cli.main import wegs
 
 @pytest.fixture
 def asked(monkeypatch):
-    """The calls that reach the pipeline, which does nothing: what each asks beyond the defaults. Reports are left out."""
+    """The calls that reach the pipeline, which does nothing:
+    what each asks beyond the defaults. Reports are left out."""
     calls = []
 
     def recorder(name, function):
@@ -52,7 +54,12 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         (
             "train plaza -o out --preset quick --steps 9 -r 2 --force",
             "train",
-            {"scene": Path("plaza"), "settings": preset("quick").changed(steps=9, resolution=2), "output": Path("out"), "force": True},
+            {
+                "scene": Path("plaza"),
+                "settings": preset("quick").changed(steps=9, resolution=2),
+                "output": Path("out"),
+                "force": True,
+            },
         ),
         ("train --all-photos", "train", HERE | {"settings": Settings(all_photos=True)}),
         ("train plaza --masks people", "train", HERE | {"scene": Path("plaza"), "masks": Path("people")}),
@@ -62,7 +69,10 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
             "train",
             HERE | {"settings": Settings(appearance="exposure", transients="off")},
         ),
-        *((f"train {size}", "train", HERE) for size in ("-r auto", "-r -1", "--set resolution=auto", "--set resolution=-1")),
+        *(
+            (f"train {size}", "train", HERE)
+            for size in ("-r auto", "-r -1", "--set resolution=auto", "--set resolution=-1")
+        ),
         ("train --resume", "resume", {"folder": None}),
         ("train --resume -o runs/a", "resume", {"folder": Path("runs/a")}),
         ("bake --appearance a.jpg -o a.ply", "bake_to_file", LOOK),
@@ -80,7 +90,16 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         (
             "interpolate a b --steps 3 --view v.jpg --ply -o d --run r --force",
             "interpolate",
-            {"folder": Path("r"), "first": "a", "last": "b", "steps": 3, "output": Path("d"), "views": ("v.jpg",), "ply": True, "force": True},
+            {
+                "folder": Path("r"),
+                "first": "a",
+                "last": "b",
+                "steps": 3,
+                "output": Path("d"),
+                "views": ("v.jpg",),
+                "ply": True,
+                "force": True,
+            },
         ),
         ("eval", "evaluate", {"folder": None}),
         (
@@ -98,7 +117,14 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         (
             "bench plaza --only baking --only training --full -o d --force",
             "bench",
-            BENCH | {"scene": Path("plaza"), "names": ("baking", "training"), "full": True, "output": Path("d"), "force": True},
+            BENCH
+            | {
+                "scene": Path("plaza"),
+                "names": ("baking", "training"),
+                "full": True,
+                "output": Path("d"),
+                "force": True,
+            },
         ),
         ("bench --run r", "bench", BENCH | {"run_folder": Path("r")}),
         ("sfm photos -o scene", "find_cameras", {"photos": Path("photos"), "output": Path("scene")}),
@@ -110,10 +136,17 @@ def test_a_command_line_reaches_the_pipeline(asked, line, name, call):
     assert asked == [(name, call)]
 
 
-@pytest.mark.parametrize("extra", ["plaza --steps 3", "plaza -o run", "--steps 3", "--preset quick", "--set sky=none", "--config x.toml", "--force"])
+@pytest.mark.parametrize(
+    "extra",
+    ["plaza --steps 3", "plaza -o run", "--steps 3", "--preset quick", "--set sky=none", "--config x.toml", "--force"],
+)
 def test_what_a_resumed_run_cannot_change_is_refused(asked, extra):
     result = invoke("train", "--resume", *extra.split())
-    assert result.exit_code == 1 and "has no effect on a resumed run" in result.stderr and "train a new run" in result.stderr
+    assert (
+        result.exit_code == 1
+        and "has no effect on a resumed run" in result.stderr
+        and "train a new run" in result.stderr
+    )
     assert asked == []
 
 

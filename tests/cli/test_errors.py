@@ -1,4 +1,5 @@
-"""What becomes of exceptions: one line and the right exit code for a user's mistake, a traceback for a defect of ours."""
+"""What becomes of exceptions: one line and the right exit code for a user's mistake,
+a traceback for a defect of ours."""
 
 import errno
 import shlex
@@ -44,7 +45,11 @@ def outcome_of(problem: BaseException):
         (OSError(errno.ENOSPC, "No space left on device", "a.ply"), "The disk is full: a.ply was not written.", 1),
         (OSError(errno.EROFS, "Read-only file system", "a.ply"), "a.ply: Read-only file system.", 1),
         (OSError(errno.ENAMETOOLONG, "File name too long", "aaa"), "aaa: File name too long.", 1),
-        (OSError(errno.EIO, "Input/output error", "history.csv"), "history.csv: Input/output error. Check its disk, or", 1),
+        (
+            OSError(errno.EIO, "Input/output error", "history.csv"),
+            "history.csv: Input/output error. Check its disk, or",
+            1,
+        ),
         (UnicodeEncodeError("utf-8", "photos \udcfe", 7, 8, "no"), r"'photos \udcfe' cannot be written as utf-8", 1),
         (MemoryError(), "not enough memory", 1),
         (opencv_error(cv2.Error.StsNoMem), "not enough memory", 1),
@@ -108,7 +113,9 @@ def test_a_foreign_core_is_named(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows removes no folder that a program is in")
 def test_a_folder_that_was_removed_is_named(tmp_path):
-    program = f"import os; from wegs_cli.main import run; os.chdir({str(tmp_path)!r}); os.rmdir({str(tmp_path)!r}); run()"
+    program = (
+        f"import os; from wegs_cli.main import run; os.chdir({str(tmp_path)!r}); os.rmdir({str(tmp_path)!r}); run()"
+    )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 1 and "The folder you are in was removed" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
@@ -129,7 +136,12 @@ def test_a_command_to_type_can_be_pasted():
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_signal_to_end_is_a_ctrl_c_also_once_the_engine_is_loaded(tmp_path, name):
     """pycolmap, which core.data imports, sets a handler of its own for SIGTERM."""
-    lines = ("import os, signal, click, core.data", "@click.command()", "def stop():", f"    os.kill(os.getpid(), signal.{name})")
+    lines = (
+        "import os, signal, click, core.data",
+        "@click.command()",
+        "def stop():",
+        f"    os.kill(os.getpid(), signal.{name})",
+    )
     (tmp_path / "stopped.py").write_text("\n".join(lines))
     program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
     program += f"signal.signal(signal.{name}, signal.SIG_DFL)\n"  # nohup leaves SIGHUP ignored
@@ -144,7 +156,8 @@ def test_a_signal_while_the_engine_loads_is_a_ctrl_c(tmp_path, name):
     (tmp_path / "pycolmap.py").write_text(f"import os, signal\nos.kill(os.getpid(), signal.{name})\nloaded = True")
     (tmp_path / "stopped.py").write_text("import click\n@click.command()\ndef stop():\n    import core.data")
     program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-    program += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background jobs ignore it
+    # A shell's background jobs ignore it.
+    program += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
     done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
@@ -153,7 +166,12 @@ def test_a_signal_while_the_engine_loads_is_a_ctrl_c(tmp_path, name):
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_second_signal_does_not_change_the_last_words(tmp_path, name):
     lines = ("import os, signal, click, core.words", "line_of = core.words.on_one_line")
-    lines += ("def signalled(line):", f"    os.kill(os.getpid(), signal.{name})", "    return line_of(line)", "core.words.on_one_line = signalled")
+    lines += (
+        "def signalled(line):",
+        f"    os.kill(os.getpid(), signal.{name})",
+        "    return line_of(line)",
+        "core.words.on_one_line = signalled",
+    )
     lines += ("@click.command()", "def stop():", "    raise KeyboardInterrupt")
     (tmp_path / "stopped.py").write_text("\n".join(lines))
     program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
@@ -189,18 +207,39 @@ def test_the_program_runs_where_another_program_catches_what_it_prints():
         (["evla"], "No such command 'evla'. Did you mean 'eval'? Try: wegs --help"),
         (["eval", "runs/x"], "Got unexpected extra argument (runs/x). A run is named by --run. Try: wegs eval --help"),
         (["doctor", "runs/x", "runs/y"], "Got unexpected extra argument (runs/y). Try: wegs doctor --help"),
-        (["train", "photos", "--memory", "4"], "No such option '--memory'. It goes before the command: wegs --memory GIB train"),
+        (
+            ["train", "photos", "--memory", "4"],
+            "No such option '--memory'. It goes before the command: wegs --memory GIB train",
+        ),
         (["--memory", "much", "train"], "'much' is not a valid number. Try: wegs --help"),
-        (["interpolate", "a.jpg", "b.jpg", "--steps", "few"], "'few' is not a valid whole number. Try: wegs interpolate --help"),
+        (
+            ["interpolate", "a.jpg", "b.jpg", "--steps", "few"],
+            "'few' is not a valid whole number. Try: wegs interpolate --help",
+        ),
         (
             ["train", "photos", "--steps", "few"],
             "'--steps': steps=few is not a whole number. Give one of at least 1, or auto. Try: wegs train --help",
         ),
-        (["train", "photos", "--sh-degree", "7"], "'--sh-degree': sh_degree=7 is too large. Give one from 0 to 3, or auto. Try: wegs train --help"),
-        (["train", "photos", "--set", "masks=people"], "masks is no setting but an option of the command line. Type: --masks ..."),
-        (["train", "photos", "--set", "resume=1"], "resume is no setting but an option of the command line. Type: --resume"),
-        (["train", "photos", "--config", "x.toml"], "x.toml: masks is no setting but an option of the command line. Type: --masks ..."),
-        (["train", "a.mp4"], "a.mp4 is a file, not a folder. Take pictures out of it: mkdir photos; ffmpeg -i a.mp4 -vf fps=2 photos/%04d.png"),
+        (
+            ["train", "photos", "--sh-degree", "7"],
+            "'--sh-degree': sh_degree=7 is too large. Give one from 0 to 3, or auto. Try: wegs train --help",
+        ),
+        (
+            ["train", "photos", "--set", "masks=people"],
+            "masks is no setting but an option of the command line. Type: --masks ...",
+        ),
+        (
+            ["train", "photos", "--set", "resume=1"],
+            "resume is no setting but an option of the command line. Type: --resume",
+        ),
+        (
+            ["train", "photos", "--config", "x.toml"],
+            "x.toml: masks is no setting but an option of the command line. Type: --masks ...",
+        ),
+        (
+            ["train", "a.mp4"],
+            "a.mp4 is a file, not a folder. Take pictures out of it: mkdir photos; ffmpeg -i a.mp4 -vf fps=2 photos/%04d.png",
+        ),
         (["train", "transforms.json"], "transforms.json is a file, not a folder. Give the folder it is in: ."),
         (["doctor", "transforms.json"], "transforms.json is a file, not a folder. Give the folder it is in: ."),
     ],

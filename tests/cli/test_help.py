@@ -8,7 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 import core
-from core.config import FIELDS, PRESETS
+from core.config import FIELDS
+from core.presets import PRESETS
 from tests.test_layers import ROOT
 from wegs_cli.main import COMMANDS, wegs
 from wegs_cli.options import FLAGS, shown_default
@@ -54,8 +55,15 @@ def test_no_line_of_help_is_wider_than_the_terminal(name):
 
 
 def test_the_settings_stand_under_headings():
-    lines = [line.partition("  ")[0] for line in CliRunner().invoke(wegs, ["train", "--help"]).output.replace("\n  ", "\n").splitlines()]
-    for heading, first in (("The run:", "steps = auto"), ("Losses:", "ssim_weight = 0.2"), ("Schedule:", "coarse_until = 0.2")):
+    lines = [
+        line.partition("  ")[0]
+        for line in CliRunner().invoke(wegs, ["train", "--help"]).output.replace("\n  ", "\n").splitlines()
+    ]
+    for heading, first in (
+        ("The run:", "steps = auto"),
+        ("Losses:", "ssim_weight = 0.2"),
+        ("Schedule:", "coarse_until = 0.2"),
+    ):
         assert lines[lines.index(heading) - 1] == "" and lines[lines.index(heading) + 1] == first
     assert lines.index("Losses:") < lines.index("gauge = 0.01") < lines.index("Learning rates (Adam):")
 
@@ -66,7 +74,9 @@ def test_the_version_is_the_engines():
 
 
 def test_the_program_can_be_run_as_a_module():
-    done = subprocess.run([sys.executable, "-m", "wegs_cli", "--version"], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "wegs_cli", "--version"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert done.stdout == f"wegs {core.__version__}\n"
 
 

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from core.config import FIELDS, PRESETS, Settings, preset
+from core.config import FIELDS, Settings
 from core.errors import BadInput, BadSetting
+from core.presets import PRESETS, preset
 from core.rasterizer import BACKENDS
 from wegs_cli.options import InputPath, OutputPath, settings_from
 
@@ -91,7 +92,10 @@ def test_set_reads_a_value_in_the_type_of_its_setting(text, name, value):
         ("=3", "^--set =3 gives no setting. Type: --set key=value$"),
         ("residual=", "gives no value"),
         ("stepz=3", "no setting 'stepz'. Did you mean steps\\?$"),
-        ("r=2", "no setting 'r'. Did you mean resolution, residual, residual_bound, reach, remove_veils, remove_passers_by\\?$"),
+        (
+            "r=2",
+            "no setting 'r'. Did you mean resolution, residual, residual_bound, reach, remove_veils, remove_passers_by\\?$",
+        ),
         ("quality=high", "no setting 'quality'. `wegs train --help` lists them.$"),
         ("steps=many", "^steps=many is not a whole number. Give one of at least 1, or auto.$"),
         ("steps=1.5", "not a whole number"),
@@ -126,11 +130,24 @@ def test_the_same_setting_twice_is_refused():
         ("steps = \n", BadInput, "not TOML"),
         ("stepz = 3\n", BadSetting, "no setting 'stepz'. Did you mean steps?"),
         ("steps = '3'\n", BadSetting, "steps='3' is not a whole number. Give one of at least 1, or auto.$"),
-        pytest.param(f"reach = 1{'0' * 400}\n", BadSetting, ": reach=10+ is not a finite number. Give one of at least 0.$", id="400 digits"),
-        ("largest_scale = true\n", BadSetting, "largest_scale=True is not a finite number. Give one of at least 0.001.$"),
+        pytest.param(
+            f"reach = 1{'0' * 400}\n",
+            BadSetting,
+            ": reach=10+ is not a finite number. Give one of at least 0.$",
+            id="400 digits",
+        ),
+        (
+            "largest_scale = true\n",
+            BadSetting,
+            "largest_scale=True is not a finite number. Give one of at least 0.001.$",
+        ),
         ("residual = 1\n", BadSetting, "residual=1 is not true or false. Choose one of: true, false.$"),
         ("sky = 1\n", BadSetting, "sky=1 is not a word. Choose one of: auto, none, dome.$"),
-        ("[training]\nsteps = 3\n", BadSetting, r"training is a table, and settings stand in none. Remove the line \[training\]"),
+        (
+            "[training]\nsteps = 3\n",
+            BadSetting,
+            r"training is a table, and settings stand in none. Remove the line \[training\]",
+        ),
     ],
 )
 def test_a_bad_file_is_refused(tmp_path, text, error, words):

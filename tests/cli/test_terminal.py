@@ -98,7 +98,10 @@ def test_a_table_with_a_header_has_its_columns_below_each_other(capsys):
     with Terminal() as plain:
         plain.table("Figures", rows, ("curve", "choice", "ms"))
     title, *lines = capsys.readouterr().out.splitlines()
-    assert title == "Figures" and [line.index(word) for line, word in zip(lines, ("ms", "1", "2"), strict=True)] == [27] * 3
+    assert (
+        title == "Figures"
+        and [line.index(word) for line, word in zip(lines, ("ms", "1", "2"), strict=True)] == [27] * 3
+    )
     screen = io.StringIO()
     with Terminal() as watched:
         watched.console = Console(file=screen, force_terminal=True, width=120)
@@ -112,7 +115,12 @@ def test_a_line_break_in_a_name_makes_no_second_line(capsys):
         watched.warn("photo\r.jpg\u2028")
         watched.progress("Photos", 1, 1, "a\nb.jpg")
         watched.table("Done", [("run", "a\nb")])
-    assert capsys.readouterr().out.splitlines() == [r"runs/a\nb: \x1b[2J", r"photo\r.jpg\u2028", r"Photos 1/1  a\nb.jpg", r"run: a\nb"]
+    assert capsys.readouterr().out.splitlines() == [
+        r"runs/a\nb: \x1b[2J",
+        r"photo\r.jpg\u2028",
+        r"Photos 1/1  a\nb.jpg",
+        r"run: a\nb",
+    ]
 
 
 @pytest.mark.parametrize("path", ["runs/Rome [old]", "runs/[/c]", "runs/trip:sun:2020"])

@@ -1,4 +1,5 @@
-"""COLMAP scenes written anew as other programs keep theirs, so that every reader can be held against the reader of COLMAP models."""
+"""COLMAP scenes written anew as other programs keep theirs,
+so that every reader can be held against the reader of COLMAP models."""
 
 import json
 import shutil
@@ -64,8 +65,11 @@ def frame_of(image: pycolmap.Image, file_path: str) -> dict:
     }
 
 
-def write_nerfstudio(colmap: Path, root: Path, points: str | None = "sparse_pc.ply", world: pycolmap.Sim3d | None = None, **facts) -> Path:
-    """transforms.json and images/ in `root`, which is returned; points: the .ply to write as well. facts: for the top of the file.
+def write_nerfstudio(
+    colmap: Path, root: Path, points: str | None = "sparse_pc.ply", world: pycolmap.Sim3d | None = None, **facts
+) -> Path:
+    """transforms.json and images/ in `root`, which is returned; points: the .ply to write as well.
+    facts: for the top of the file.
 
     world: from the model's world to that of the poses and the .ply.
     """
@@ -74,17 +78,24 @@ def write_nerfstudio(colmap: Path, root: Path, points: str | None = "sparse_pc.p
     if points:
         write_ply(root / points, model_of(colmap, world))
         facts["ply_file_path"] = points
-    write_json(root / "transforms.json", {**facts, "frames": [frame_of(image, f"images/{image.name}") for image in images]})
+    write_json(
+        root / "transforms.json", {**facts, "frames": [frame_of(image, f"images/{image.name}") for image in images]}
+    )
     return root
 
 
 def write_processed(colmap: Path, root: Path, **facts) -> Path:
-    """What nerfstudio's ns-process-data leaves in `root`, which is returned: poses and .ply ELSEWHERE, the model in its own world."""
+    """What nerfstudio's ns-process-data leaves in `root`, which is returned:
+    poses and .ply ELSEWHERE, the model in its own world."""
     shutil.copytree(find_model(colmap), root / "colmap" / "sparse" / "0")
     applied = np.c_[ELSEWHERE.rotation.matrix(), ELSEWHERE.translation / ELSEWHERE.scale].tolist()
-    write_nerfstudio(colmap, root, world=ELSEWHERE, applied_transform=applied, applied_scale=float(ELSEWHERE.scale), **facts)
+    write_nerfstudio(
+        colmap, root, world=ELSEWHERE, applied_transform=applied, applied_scale=float(ELSEWHERE.scale), **facts
+    )
     ids = {f"images/{image.name}": image.image_id for image in images_of(colmap)[0]}
-    return changed(root, lambda written: [frame.update(colmap_im_id=ids[frame["file_path"]]) for frame in written["frames"]])
+    return changed(
+        root, lambda written: [frame.update(colmap_im_id=ids[frame["file_path"]]) for frame in written["frames"]]
+    )
 
 
 def write_blender(colmap: Path, root: Path, held_out: int = 4) -> Path:
@@ -128,7 +139,9 @@ def write_ply(path: Path, model: pycolmap.Reconstruction) -> None:
     """The model's points, in text."""
     points = [model.points3D[number] for number in sorted(model.points3D)]
     header = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
-    header += [f"property double {axis}" for axis in "xyz"] + [f"property uchar {name}" for name in ("red", "green", "blue")]
+    header += [f"property double {axis}" for axis in "xyz"] + [
+        f"property uchar {name}" for name in ("red", "green", "blue")
+    ]
     rows = [" ".join([*(repr(float(x)) for x in point.xyz), *map(str, point.color)]) for point in points]
     path.write_text("\n".join([*header, "end_header", *rows]) + "\n")
 

@@ -52,7 +52,9 @@ def take_photo(rotation, centre, pictures):
         local = (world - centre) @ rotation.T
         seen = local[:, :2] / local[:, 2:] * FOCAL + (WIDTH / 2, HEIGHT / 2)
         # OpenCV counts pixels from the middle of the first one.
-        warp = cv2.getPerspectiveTransform((np.array(SQUARE) * 500 - 0.5).astype(np.float32), (seen - 0.5).astype(np.float32))
+        warp = cv2.getPerspectiveTransform(
+            (np.array(SQUARE) * 500 - 0.5).astype(np.float32), (seen - 0.5).astype(np.float32)
+        )
         wall = cv2.warpPerspective(picture, warp, (WIDTH, HEIGHT), flags=cv2.INTER_AREA)
         inside = cv2.warpPerspective(np.full(picture.shape[:2], 255, np.uint8), warp, (WIDTH, HEIGHT)) == 255
         photo[inside] = wall[inside]
@@ -60,7 +62,8 @@ def take_photo(rotation, centre, pictures):
 
 
 def write_corner(root: Path, count: int = 6, masked: int | None = None) -> Path:
-    """A transforms.json in `root`, which is returned, of photos 0.png, 1.png, ... and no points; `masked` has its lower half hidden."""
+    """A transforms.json in `root`, which is returned, of photos 0.png, 1.png, ...
+    and no points; `masked` has its lower half hidden."""
     pictures, frames = textures(), []
     for number, (rotation, centre) in enumerate(cameras(count)):
         matrix = np.eye(4)

@@ -24,7 +24,24 @@ LENSES = {
     "OPENCV_FISHEYE": [FOCAL, FOCAL, 80, 60, 0.05, -0.02, 0.01, 0.0],
     "RADIAL_FISHEYE": [FOCAL, 80, 60, 0.05, -0.02],
     "THIN_PRISM_FISHEYE": [FOCAL, FOCAL, 80, 60, 0.05, -0.02, 0.002, 0.001, 0.01, 0.0, 0.001, 0.001],
-    "RAD_TAN_THIN_PRISM_FISHEYE": [FOCAL, FOCAL, 80, 60, 0.05, -0.02, 0.01, 0.0, 0.0, 0.0, 0.002, 0.001, 0.001, 0.001, 0.001, 0.001],
+    "RAD_TAN_THIN_PRISM_FISHEYE": [
+        FOCAL,
+        FOCAL,
+        80,
+        60,
+        0.05,
+        -0.02,
+        0.01,
+        0.0,
+        0.0,
+        0.0,
+        0.002,
+        0.001,
+        0.001,
+        0.001,
+        0.001,
+        0.001,
+    ],
     "SIMPLE_FISHEYE": [FOCAL, 80, 60],
     "FISHEYE": [FOCAL, FOCAL, 80, 60],
     "FOV": [FOCAL, FOCAL, 80, 60, 0.4],
@@ -74,7 +91,9 @@ class SmallScene:
             track = pycolmap.Track()
             for index in range(len(self.names)):
                 track.add_element(index + 1, row)
-            made.add_point3D(self.unit * point + self.offset, track, np.array([row * 10 % 256, (255 - row) % 256, 7], np.uint8))
+            made.add_point3D(
+                self.unit * point + self.offset, track, np.array([row * 10 % 256, (255 - row) % 256, 7], np.uint8)
+            )
         return made
 
     def seen(self, index: int) -> np.ndarray:

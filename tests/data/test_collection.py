@@ -33,7 +33,9 @@ def test_a_camera_that_turned_is_another_one_whatever_the_unit_of_the_world(tmp_
     before = small_collection(tmp_path)
     before = replace(before, frame=replace(before.frame, radius=unit))
     first, *rest = before.photos
-    turned = replace(first, camera=replace(first.camera, world_to_camera=first.camera.world_to_camera @ rotation_about_y(1e-4)))
+    turned = replace(
+        first, camera=replace(first.camera, world_to_camera=first.camera.world_to_camera @ rotation_about_y(1e-4))
+    )
     moved = replace(first, camera=replace(first.camera, centre=first.camera.centre + 1e-8))
     assert not replace(before, photos=(turned, *rest)).in_world_of(before)
     assert replace(before, photos=(moved, *rest)).in_world_of(before)
@@ -64,20 +66,26 @@ def test_as_many_as_are_wanted_are_taken_from_the_first_to_the_last():
 def test_a_photo_is_called_by_its_name_or_what_of_it_is_clear(tmp_path):
     photos = small_collection(tmp_path).photos
     names = ("a/1.jpg", "b/1.jpg", "b/2.png.jpg", "2019.05.jpg")
-    collection = replace(small_collection(tmp_path), photos=tuple(replace(photo, name=name) for photo, name in zip(photos, names, strict=False)))
+    collection = replace(
+        small_collection(tmp_path),
+        photos=tuple(replace(photo, name=name) for photo, name in zip(photos, names, strict=False)),
+    )
 
     def called(word):
         photo = collection.called(word)
         return photo and photo.name
 
-    assert [called(word) for word in ("a/1.jpg", "a/1", "b/2.png", "b/2", "2", "2.png.jpg", "2019.05")] == ["a/1.jpg"] * 2 + ["b/2.png.jpg"] * 4 + [
-        "2019.05.jpg"
-    ]
+    assert [called(word) for word in ("a/1.jpg", "a/1", "b/2.png", "b/2", "2", "2.png.jpg", "2019.05")] == [
+        "a/1.jpg"
+    ] * 2 + ["b/2.png.jpg"] * 4 + ["2019.05.jpg"]
     assert [called(word) for word in ("1", "1.jpg", "2019", "c/2")] == [None] * 4
 
 
 def test_a_photo_that_macos_named_is_called_as_one_types(tmp_path):
     collection = small_collection(tmp_path)
-    collection = replace(collection, photos=(replace(collection.photos[0], name="a/e\N{COMBINING ACUTE ACCENT}te.jpg"), *collection.photos[1:]))
+    collection = replace(
+        collection,
+        photos=(replace(collection.photos[0], name="a/e\N{COMBINING ACUTE ACCENT}te.jpg"), *collection.photos[1:]),
+    )
     for word in ("éte.jpg", "éte", "a/éte", collection.photos[0].name):
         assert collection.called(word) is collection.photos[0]

@@ -20,14 +20,24 @@ def renamed(tmp_path, names):
 
 
 @pytest.mark.parametrize(
-    "name", ["photo_{}", "Photo_{}.PNG", "photo_{}.jpg", "/home/me/photos/photo_{}.png", "C:\\photos\\photo_{}.png", "left/photo_{}.JPG"]
+    "name",
+    [
+        "photo_{}",
+        "Photo_{}.PNG",
+        "photo_{}.jpg",
+        "/home/me/photos/photo_{}.png",
+        "C:\\photos\\photo_{}.png",
+        "left/photo_{}.JPG",
+    ],
 )
 def test_other_suffixes_capitals_and_folders(tmp_path, name):
     root, scene = renamed(tmp_path, [name.format(index) for index in range(4)])
     collection = load_collection(root)
     check_geometry(collection, scene)
     place = "images/" * ("/" in name)  # where the model names another folder
-    assert notes_with(collection, f"4 photos found under another name or in another folder: {name.format(0)} ({place}photo_0.png), ")
+    assert notes_with(
+        collection, f"4 photos found under another name or in another folder: {name.format(0)} ({place}photo_0.png), "
+    )
     assert not notes_with(collection, "without a pose")
     (root / "images").rename(root / "images_4")
     assert len(load_collection(root).photos) == 4
@@ -68,10 +78,14 @@ def test_other_folders_of_photos(tmp_path, folder):
     (root / "dense" / "images" / "photo_0.png").unlink()
     (root / "sparse").rename(root / "dense" / "sparse")  # the originals' names are no sign that they are meant
     collection = load_collection(root)
-    assert {photo.path.parent for photo in collection.photos} == {root / "dense" / "images"} and len(collection.photos) == 3
+    assert {photo.path.parent for photo in collection.photos} == {root / "dense" / "images"} and len(
+        collection.photos
+    ) == 3
 
 
-@pytest.mark.parametrize("before, folder, shown", [("/home/me/images/", "images", "scene/images"), ("images/", "images_4", "images_4")])
+@pytest.mark.parametrize(
+    "before, folder, shown", [("/home/me/images/", "images", "scene/images"), ("images/", "images_4", "images_4")]
+)
 def test_photos_of_several_cameras_with_equal_names(tmp_path, before, folder, shown):
     scene = write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
     names = "left/0.png", "left/1.png", "right/0.png", "right/1.png"
@@ -88,7 +102,9 @@ def test_photos_of_several_cameras_with_equal_names(tmp_path, before, folder, sh
     assert notes_with(collection, f"left/0.png ({shown}/left/0.png), ")
 
 
-@pytest.mark.parametrize("missing, shown", [("/images/a.jpg", "b.jpg"), ("/x/a.jpg", "images/b.jpg"), ("/x/images/a.jpg", "/images/b.jpg")])
+@pytest.mark.parametrize(
+    "missing, shown", [("/images/a.jpg", "b.jpg"), ("/x/a.jpg", "images/b.jpg"), ("/x/images/a.jpg", "/images/b.jpg")]
+)
 def test_a_file_is_named_with_the_folders_that_tell_it_from_the_missing_one(missing, shown):
     assert found_file._named_beside(Path("/images/b.jpg"), Path(missing)) == shown
 

@@ -63,7 +63,10 @@ def test_photos_without_a_model(tmp_path, folder):
 def test_a_folder_of_videos_says_how_to_take_pictures_out_of_them(tmp_path):
     for name in ("b.MOV", "a.mp4"):
         (tmp_path / name).write_bytes(b"x")
-    with pytest.raises(BadInput, match=f"{tmp_path} holds only videos. Take pictures out of it: mkdir photos; ffmpeg -i {tmp_path}/a.mp4 -vf"):
+    with pytest.raises(
+        BadInput,
+        match=f"{tmp_path} holds only videos. Take pictures out of it: mkdir photos; ffmpeg -i {tmp_path}/a.mp4 -vf",
+    ):
         find_kind(tmp_path)
     save_photo(tmp_path / "inner" / "a.jpg")
     with pytest.raises(BadInput, match="there are photos in its folder inner"):
@@ -84,16 +87,23 @@ def test_the_current_folder_is_called_by_its_name(tmp_path, monkeypatch):
 
 def test_what_lies_around_instead_of_photos_is_named(tmp_path):
     save_photo(tmp_path / "days" / "monday" / "a.jpg")
-    with pytest.raises(BadInput, match="days holds no photos and no COLMAP model; there are photos in its folder monday. Name that"):
+    with pytest.raises(
+        BadInput, match="days holds no photos and no COLMAP model; there are photos in its folder monday. Name that"
+    ):
         find_kind(tmp_path / "days")
     with pytest.raises(BadInput, match=f"there are photos in its folder {Path('days', 'monday')}. Name that"):
         find_kind(tmp_path)
     save_photo(tmp_path / "days" / "sunday" / "a.jpg")
     save_photo(tmp_path / "days" / "sunday" / "b.jpg")
-    with pytest.raises(BadInput, match="there are photos in its folders sunday, monday. Put all photos into one folder, or name one of these."):
+    with pytest.raises(
+        BadInput,
+        match="there are photos in its folders sunday, monday. Put all photos into one folder, or name one of these.",
+    ):
         find_kind(tmp_path / "days")
     root = SmallScene().write(tmp_path / "archive" / "scene")
-    with pytest.raises(BadInput, match="archive holds no photos and no COLMAP model; its folder scene is a scene. Give that folder."):
+    with pytest.raises(
+        BadInput, match="archive holds no photos and no COLMAP model; its folder scene is a scene. Give that folder."
+    ):
         find_kind(root.parent)  # not "Name scene/images": its cameras would be found anew
     for model in (root / "sparse" / "0", root / "sparse"):
         with pytest.raises(BadInput, match="holds a COLMAP model, but not the photos.*folder above"):
@@ -125,7 +135,12 @@ def test_a_model_with_files_missing_is_not_taken_for_plain_photos(tmp_path, lack
 
 @pytest.mark.parametrize(
     ("mark", "kind"),
-    [("transforms.json", "nerfstudio"), ("transforms_train.json", "blender"), ("final/train/pose", "nerf-osr"), ("train/pose", "nerf-osr")],
+    [
+        ("transforms.json", "nerfstudio"),
+        ("transforms_train.json", "blender"),
+        ("final/train/pose", "nerf-osr"),
+        ("train/pose", "nerf-osr"),
+    ],
 )
 def test_kinds_are_told_by_their_files(tmp_path, mark, kind):
     (tmp_path / mark).mkdir(parents=True)
@@ -139,7 +154,10 @@ def test_kinds_are_told_by_their_files(tmp_path, mark, kind):
 def test_a_model_that_is_used_beside_other_cameras_says_so(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     (root / "transforms.json").write_text("{}")
-    assert load_collection(root).notes[0].text == f"{root} holds a nerfstudio scene as well; its COLMAP model {root / 'sparse/0'} is used."
+    assert (
+        load_collection(root).notes[0].text
+        == f"{root} holds a nerfstudio scene as well; its COLMAP model {root / 'sparse/0'} is used."
+    )
 
 
 def test_a_stray_picture_does_not_stand_for_the_photos_in_images(tmp_path, monkeypatch):
@@ -160,7 +178,9 @@ def test_a_model_in_an_unusual_folder_is_reported(tmp_path, monkeypatch, place):
     monkeypatch.setattr(prepare, "scene_of_photos", lambda photos, wanted, report: SmallScene().write(wanted))
     heard = Heard()
     prepare.prepared(tmp_path / "scene", tmp_path / "made", heard)
-    assert heard.lines == [f"! {model} holds a COLMAP model, which is not used: move it to {tmp_path / 'scene' / 'sparse' / '0'}."]
+    assert heard.lines == [
+        f"! {model} holds a COLMAP model, which is not used: move it to {tmp_path / 'scene' / 'sparse' / '0'}."
+    ]
 
 
 def test_photos_in_a_subfolder_that_is_not_searched_are_reported(tmp_path, monkeypatch):
@@ -196,7 +216,8 @@ def test_a_list_beside_plain_photos_says_what_is_held_out_also_when_it_comes_lat
     (made / "test.txt").write_text("photo_3.png")  # the user's own
     assert held_out() == ["photo_3.png"]
     (photos / "x.tsv").write_text(
-        "filename\tid\tsplit\n" + "".join(f"photo_{index}.png\t1\t{'test' if index == 1 else 'train'}\n" for index in range(4))
+        "filename\tid\tsplit\n"
+        + "".join(f"photo_{index}.png\t1\t{'test' if index == 1 else 'train'}\n" for index in range(4))
     )
     assert held_out() == ["photo_1.png"]
     (photos / "x.tsv").unlink()
@@ -217,7 +238,11 @@ def test_cameras_that_are_known_are_not_looked_for(tmp_path):
     save_photo(tmp_path / "a.jpg")
     check_cameras_unknown(tmp_path)  # plain photos as well: their cameras may be wanted anew
     (tmp_path / "film.mp4").touch()
-    for name, match in (("nowhere", "There is no folder"), ("a.jpg", "a.jpg is a file"), ("film.mp4", "is a file, not a folder. .*ffmpeg")):
+    for name, match in (
+        ("nowhere", "There is no folder"),
+        ("a.jpg", "a.jpg is a file"),
+        ("film.mp4", "is a file, not a folder. .*ffmpeg"),
+    ):
         with pytest.raises(BadInput, match=match):
             check_cameras_unknown(tmp_path / name)
 
@@ -254,7 +279,8 @@ def test_real_collections(name, kind, train, test, points):
 
 def test_pictures_about_photos_have_places_of_their_own():
     places = png_paths(["a/1.jpg", "a/1.webp", "2.png", "../b/3.jpg", "../c/3.jpg", "/x/4.jpg"])
-    assert [place.as_posix() for place in places.values()] == ["a/1.jpg.png", "a/1.webp.png", "2.png", "b/3.png", "c/3.png", "4.png"]
+    expected = ["a/1.jpg.png", "a/1.webp.png", "2.png", "b/3.png", "c/3.png", "4.png"]
+    assert [place.as_posix() for place in places.values()] == expected
     odd = png_paths(["/x/4.jpg", "/y/4.jpg", "../c/1.jpg", "c/1.jpg", "a.jpg", "a.webp", "a.jpg.png"])
     assert len(set(odd.values())) == len(odd)
 
@@ -262,7 +288,8 @@ def test_pictures_about_photos_have_places_of_their_own():
 def test_whole_paths_never_leave_the_folder_they_are_joined_to(monkeypatch):
     wanted = {"/x/4.jpg": "4.jpg", "../c/1.jpg": "c/1.jpg", "a\\1.jpg": "a/1.jpg"}
     assert {name: relative_path(name).as_posix() for name in wanted} == wanted
-    monkeypatch.setattr("core.data.photos.names.Path", PureWindowsPath)  # to which /x is not absolute, and which / leads to the root of a drive
+    # To which /x is not absolute, and which / leads to the root of a drive.
+    monkeypatch.setattr("core.data.photos.names.Path", PureWindowsPath)
     wanted |= {"C:\\x\\4.jpg": "4.jpg", "C:4.jpg": "4.jpg"}
     assert {name: relative_path(name).as_posix() for name in wanted} == wanted
 
@@ -288,7 +315,9 @@ def test_held_out_copies_of_training_photos_are_reported(tmp_path):
     test, train = collection.split("test")[0], collection.split("train")[0]
     assert not notes_with(collection, "copies")
     test.path.write_bytes(train.path.read_bytes())
-    expected = f"1 photo held out though a copy of a training photo, so figures are too good: {test.name} ({train.name})"
+    expected = (
+        f"1 photo held out though a copy of a training photo, so figures are too good: {test.name} ({train.name})"
+    )
     assert expected in texts_of(load_collection(scene).notes)
 
 
@@ -312,5 +341,8 @@ def test_a_split_of_nerf_osr_and_its_photos_are_pointed_to_the_folder_of_the_spl
     final = write_nerf_osr(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene", splits) / "final"
     save_photo(final / "train" / "mask" / "photo_1.png")
     assert scene_around(final / "train" / "rgb") == (final, "nerf-osr")
-    with pytest.raises(BadInput, match=f"train holds no photos and no COLMAP model; it lies in the nerf-osr scene {final}. Give that folder"):
+    with pytest.raises(
+        BadInput,
+        match=f"train holds no photos and no COLMAP model; it lies in the nerf-osr scene {final}. Give that folder",
+    ):
         find_kind(final / "train")  # not "Name mask"

@@ -9,7 +9,8 @@ from core.data.made import path_from
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    """Beside the current folder: a scene, of whose photos the first is a link to one outside, and a link to the scene."""
+    """Beside the current folder: a scene, of whose photos the first is a link to one outside,
+    and a link to the scene."""
     folder = tmp_path / "scene"
     for part in (folder / "images", folder / "sparse", tmp_path / "data", tmp_path / "here"):
         part.mkdir(parents=True)
@@ -23,7 +24,10 @@ def scene(tmp_path, monkeypatch):
 
 def test_a_path_is_the_same_however_the_folder_is_spelt(scene, tmp_path):
     for root in (scene, tmp_path / "link", Path("../scene"), Path("../link")):
-        assert [path_from(root, root / "images" / name) for name in ("a.jpg", "b.jpg")] == ["images/a.jpg", "images/b.jpg"]
+        assert [path_from(root, root / "images" / name) for name in ("a.jpg", "b.jpg")] == [
+            "images/a.jpg",
+            "images/b.jpg",
+        ]
         assert path_from(root, root / "sparse" / ".." / "images" / "a.jpg") == "images/a.jpg"
         assert path_from(root, tmp_path / "data" / "a.jpg") == "../data/a.jpg"
 

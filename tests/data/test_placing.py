@@ -23,7 +23,8 @@ def test_one_broken_number_of_a_pose_is_enough_to_leave_a_photo_out(tmp_path, br
 
 
 @pytest.mark.parametrize(
-    "odd, words", [(2, "2 photos with an unusual focal length, used"), (3, "3 photos of 4 with a focal length that no lens has")]
+    "odd, words",
+    [(2, "2 photos with an unusual focal length, used"), (3, "3 photos of 4 with a focal length that no lens has")],
 )
 def test_unusual_focal_lengths_are_harmless_unless_most_are(tmp_path, odd, words):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((60, 80, 3), np.uint8))

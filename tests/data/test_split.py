@@ -138,12 +138,17 @@ def test_no_photo_to_train_on_is_refused_unless_held_out_ones_are_asked_for(tmp_
     names = [f"photo_{index}.png" for index in range(4)]
     root = SmallScene().write(tmp_path / "scene")
     (root / "x.tsv").write_text(table(*((name, "1", "test", "x") for name in names)))
-    with pytest.raises(BadInput, match="x.tsv leaves no photo to train on. Correct or remove x.tsv, or .* --all-photos"):
+    with pytest.raises(
+        BadInput, match="x.tsv leaves no photo to train on. Correct or remove x.tsv, or .* --all-photos"
+    ):
         load_collection(root)
     assert [photo.name for photo in load_collection(root, all_photos=True).split("train")] == names
     (root / "x.tsv").write_text(table(("z", "1", "train", "x")))
     for all_photos in (False, True):
-        with pytest.raises(BadInput, match=f"on: 1 photo of x.tsv not in the model: z; 4 photos not in x.tsv, not used: {names[0]}.*remove x.tsv.$"):
+        with pytest.raises(
+            BadInput,
+            match=f"on: 1 photo of x.tsv not in the model: z; 4 photos not in x.tsv, not used: {names[0]}.*remove x.tsv.$",
+        ):
             load_collection(root, all_photos)
 
 
@@ -199,8 +204,15 @@ def test_listed_paths_of_windows(tmp_path):
 
 def test_listed_names_without_a_suffix(tmp_path):
     (tmp_path / "test.txt").write_text("1\n2\nb.png\nright/4\n")
-    splits, notes = split(tmp_path, ["1.jpg", "11.jpg", "left/1.jpg", "left/2.jpg", "b.png.jpg", "left/4.jpg", "right/4.jpg"])
-    assert [name for name in splits if splits[name] == "test"] == ["1.jpg", "left/2.jpg", "b.png.jpg", "right/4.jpg"] and not notes
+    splits, notes = split(
+        tmp_path, ["1.jpg", "11.jpg", "left/1.jpg", "left/2.jpg", "b.png.jpg", "left/4.jpg", "right/4.jpg"]
+    )
+    assert [name for name in splits if splits[name] == "test"] == [
+        "1.jpg",
+        "left/2.jpg",
+        "b.png.jpg",
+        "right/4.jpg",
+    ] and not notes
 
 
 def test_a_listed_name_that_fits_several_photos_means_none_of_them(tmp_path):
@@ -261,7 +273,10 @@ def test_the_lists_that_nerfbaselines_keeps(tmp_path):
     (tmp_path / "train_list.txt").write_text("a.jpg\nd.jpg\n")
     splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
     assert splits == {"a.jpg": "train", "b.jpg": "test"}
-    assert notes == ["1 photo of train_list.txt not in the model: d.jpg", "1 photo neither in test_list.txt nor in train_list.txt, not used: c.jpg"]
+    assert notes == [
+        "1 photo of train_list.txt not in the model: d.jpg",
+        "1 photo neither in test_list.txt nor in train_list.txt, not used: c.jpg",
+    ]
     (tmp_path / "train_list.txt").write_text("a.jpg\nimages/b.jpg\nc.jpg\n")
     splits, notes = split(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
     assert splits == {"a.jpg": "train", "b.jpg": "test", "c.jpg": "train"}
@@ -271,7 +286,9 @@ def test_the_lists_that_nerfbaselines_keeps(tmp_path):
 
 
 def test_long_lists_are_cut_but_counted(tmp_path):
-    (tmp_path / "x.tsv").write_text(table(*((name, "", "train", "x") for name in NAMES[:15]), ("q.jpg", "1", "train", "x")))
+    (tmp_path / "x.tsv").write_text(
+        table(*((name, "", "train", "x") for name in NAMES[:15]), ("q.jpg", "1", "train", "x"))
+    )
     note = split(tmp_path)[1][0]
     assert note.startswith("15 photos") and note.endswith("l.jpg and 3 more")
 
@@ -279,7 +296,9 @@ def test_long_lists_are_cut_but_counted(tmp_path):
 def test_a_phototourism_scene_is_split_by_its_table(tmp_path):
     root = SmallScene().write(tmp_path / "scene", "dense/images", "dense/sparse")
     names = [f"photo_{index}.png" for index in range(4)]
-    (root / "plaza.tsv").write_text(table(*((name, "1.0", "test" if name == names[1] else "train", "x") for name in names)))
+    (root / "plaza.tsv").write_text(
+        table(*((name, "1.0", "test" if name == names[1] else "train", "x") for name in names))
+    )
     collection = load_collection(root)
     assert collection.kind == "colmap" and collection.notes == ()
     assert [photo.name for photo in collection.split("test")] == [names[1]]

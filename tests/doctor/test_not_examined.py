@@ -35,7 +35,9 @@ def test_gaussians_in_other_formats_are_to_be_converted(tmp_path, name):
 
 def test_given_a_folder_of_plys_the_doctor_asks_for_one_of_them(tmp_path):
     write(tmp_path / "splat.ply", sound_rows())
-    with pytest.raises(BadInput, match=f"holds no photos and no COLMAP model. .* give its path, such as {tmp_path}/splat.ply.$"):
+    with pytest.raises(
+        BadInput, match=f"holds no photos and no COLMAP model. .* give its path, such as {tmp_path}/splat.ply.$"
+    ):
         examine(tmp_path, Heard())
 
 

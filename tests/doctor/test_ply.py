@@ -145,7 +145,9 @@ def test_scales_and_colours_stored_as_plain_values_are_reported(tmp_path, column
     assert not asked_for(examined(write(tmp_path / "a.ply", rows))[0])
 
 
-@pytest.mark.parametrize("comment, own", [("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)])
+@pytest.mark.parametrize(
+    "comment, own", [("wegs 1.0, run 0a, sky 0, look dusk, 5", True), ("of wegs 1.0", False), ("", False)]
+)
 def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, own):
     rows = sound_rows()
     rows["x"][0], rows["rot_0"][1], rows["f_rest_20"][90], rows["f_dc_1"][70:90] = np.nan, 0, 12.0, 9.0
@@ -217,7 +219,9 @@ def test_a_sky_of_ours_is_large_and_seen_by_no_photo_and_sound_all_the_same(tmp_
     rows["z"][-100:] = -90.0  # behind the camera
     rows["scale_0"][-100:] = rows["scale_1"][-100:] = 4.0
     (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
-    plain, own = (examined(write(tmp_path / "a.ply", rows, f"wegs 1.0, run 0a, sky {sky}, look dusk"))[0] for sky in (0, 100))
+    plain, own = (
+        examined(write(tmp_path / "a.ply", rows, f"wegs 1.0, run 0a, sky {sky}, look dusk"))[0] for sky in (0, 100)
+    )
     assert "never seen" in asked_for(plain) and asked_for(own) == set()
 
 
@@ -227,7 +231,8 @@ def test_a_sky_of_most_rows_hides_no_fault(tmp_path):
     rows["scale_0"][:60] = rows["scale_1"][:60] = rows["scale_2"][:60] = 0.0
     rows["x"][60] = 3000.0
     findings, _ = examined(write(tmp_path / "a.ply", rows, f"wegs 1.0, run 0a, sky {2 * ROWS}, look dusk"))
-    assert findings["giants"].figure.startswith("60 (15 %) in the scene") and asked_for(findings) == {"giants", "extent"}
+    assert findings["giants"].figure.startswith("60 (15 %) in the scene")
+    assert asked_for(findings) == {"giants", "extent"}
 
 
 def test_missing_and_uncounted_rows_are_reported(tmp_path):
@@ -283,7 +288,8 @@ def test_the_principal_point_of_a_camera_is_used(tmp_path):
 def test_the_rotation_of_a_camera_is_used(tmp_path):
     rows = sound_rows()
     rows["opacity"] = -3.0
-    camera = json.loads(cameras_json((-4.0, 0.0, 0.0)))[0] | {"rotation": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}  # camera to world
+    # Camera to world.
+    camera = json.loads(cameras_json((-4.0, 0.0, 0.0)))[0] | {"rotation": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
     (tmp_path / "cameras.json").write_text(json.dumps([camera]))
     assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "none"
 
@@ -312,7 +318,11 @@ def test_the_units_of_a_file_change_nothing(tmp_path):
 BROKEN = (
     *({"width": 0}, {"width": -5}, {"width": float("inf")}, {"height": 1 << 70}),
     *({"fx": 0}, {"fx": float("nan")}, {"fx": 1e50}, {"cx": -1e300}),
-    *({"position": [0, 0, float("nan")]}, {"rotation": [[1, 0, 0], [1e50, 1, 0], [0, 0, 1]]}, {"rotation": [[0, 0, 0]] * 3}),
+    *(
+        {"position": [0, 0, float("nan")]},
+        {"rotation": [[1, 0, 0], [1e50, 1, 0], [0, 0, 1]]},
+        {"rotation": [[0, 0, 0]] * 3},
+    ),
     {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]},  # mirrored
 )
 

@@ -22,7 +22,15 @@ from wegs_cli.main import wegs
 
 def test_a_sound_run_is_described_by_its_gaussians_looks_masks_and_history(trained):
     findings, heard = examined(trained)
-    assert {"steps", "skipped steps", "held-out quality", "settings", "not finite", "needles", "float32 positions"} < findings.keys()
+    assert {
+        "steps",
+        "skipped steps",
+        "held-out quality",
+        "settings",
+        "not finite",
+        "needles",
+        "float32 positions",
+    } < findings.keys()
     assert {"never seen", "residuals", "looks", "masks"} < findings.keys()
     assert findings["steps"].figure.startswith("30 of 30 in ")
     assert "(60 of them sky) of SH degree 1" in findings["file"].figure
@@ -30,7 +38,8 @@ def test_a_sound_run_is_described_by_its_gaussians_looks_masks_and_history(train
     assert "over 7 looks" in findings["residuals"].figure  # of nine photos two are held out
     assert findings["giants"].figure == "none"  # the sky is no giant
     assert heard.steps[-1] == (7, 7)
-    # So short a run has learned no looks, and two of its 80 Gaussians may be too dark, as the processor rounds; it is sound all the same.
+    # So short a run has learned no looks, and two of its 80 Gaussians may be too dark, as the processor rounds; it is
+    # sound all the same.
     assert asked_for(findings) <= {"looks", "colours"}
 
 
@@ -44,10 +53,14 @@ def test_a_run_whose_place_is_gone_is_not_sound_and_training_on_would_not_help(t
     assert "settings prune_opacity, largest_scale and reach" in findings["file"].advice and not findings["steps"].advice
 
 
-@pytest.mark.parametrize("weight, advice", [(0.1, "sh_regularisation=0.1 holds looks at the base"), (0.001, "appearance=off")])
+@pytest.mark.parametrize(
+    "weight, advice", [(0.1, "sh_regularisation=0.1 holds looks at the base"), (0.001, "appearance=off")]
+)
 def test_looks_that_are_all_one_are_blamed_on_what_holds_them(tmp_path, weight, advice):
     scene = SmallScene().write(tmp_path / "scene")
-    folder = pipeline.train(scene, small_settings(steps=1, sh_regularisation=weight, network_rate=0.0), tmp_path / "run")
+    folder = pipeline.train(
+        scene, small_settings(steps=1, sh_regularisation=weight, network_rate=0.0), tmp_path / "run"
+    )
     assert examined(folder)[0]["looks"].advice.find(advice) >= 0
 
 
@@ -77,7 +90,9 @@ def test_by_how_much_held_out_quality_may_fall(trained, tmp_path, last, fell):
     assert bool(examined(folder)[0]["held-out quality"].advice) == fell
 
 
-@pytest.mark.parametrize("content", [None, "", "garbage", "step,seconds\n9,1.0\n", "step,held_out_psnr\n9,\n", "\0\0\0\n"])
+@pytest.mark.parametrize(
+    "content", [None, "", "garbage", "step,seconds\n9,1.0\n", "step,held_out_psnr\n9,\n", "\0\0\0\n"]
+)
 def test_a_run_whose_history_is_lost_is_not_sound(trained, tmp_path, content):
     folder = shutil.copytree(trained, tmp_path / "run")
     (folder / "history.csv").unlink() if content is None else (folder / "history.csv").write_text(content)
@@ -88,7 +103,9 @@ def test_a_run_whose_history_is_lost_is_not_sound(trained, tmp_path, content):
 @pytest.mark.parametrize(("checks", "held_out"), [(0, True), (4, False)])
 def test_no_history_is_asked_of_a_run_without_checks(tmp_path, checks, held_out):
     scene = SmallScene().write(tmp_path / "scene")
-    folder = pipeline.train(scene, small_settings(steps=1, held_out_checks=checks, all_photos=not held_out), tmp_path / "run")
+    folder = pipeline.train(
+        scene, small_settings(steps=1, held_out_checks=checks, all_photos=not held_out), tmp_path / "run"
+    )
     assert "held-out quality" not in examined(folder)[0]
 
 
@@ -132,7 +149,10 @@ def test_what_is_never_seen_is_asked_at_a_small_size(trained, monkeypatch):
     monkeypatch.setattr("core.doctor.views.WIDEST_PX", WIDTH // 4)
     monkeypatch.setattr(
         "core.doctor.views.largest_contributions",
-        lambda splats, cameras, *_: (sizes.extend((camera.width, camera.height) for camera in cameras), torch.ones(len(splats)))[1],
+        lambda splats, cameras, *_: (
+            sizes.extend((camera.width, camera.height) for camera in cameras),
+            torch.ones(len(splats)),
+        )[1],
     )
     assert examined(trained)[0]["never seen"].figure == "none"
     assert set(sizes) == {(WIDTH // 4, HEIGHT // 4)}
@@ -140,7 +160,9 @@ def test_what_is_never_seen_is_asked_at_a_small_size(trained, monkeypatch):
 
 def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
     assert "photos placed" not in examined(trained)[0] and "odd focal lengths" not in asked_for(examined(trained)[0])
-    scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)], params=[9e3, 9e3, 80, 60]).write(tmp_path / "poor")
+    scene = SmallScene(names=[f"photo_{index}.png" for index in range(9)], params=[9e3, 9e3, 80, 60]).write(
+        tmp_path / "poor"
+    )
     mark_as_made(scene, 9, 20, 9e3)
     run = pipeline.train(scene, small_settings(steps=1, prune_contribution=0.0), tmp_path / "run")
     findings, _ = examined(run)
@@ -155,7 +177,9 @@ def test_a_run_of_a_poor_scene_names_the_cause(trained, tmp_path):
 # --- the command line
 
 
-@pytest.mark.parametrize("name", ["config.json", "history.csv", "cameras.json", "cfg_args", "preview.png", "masks/photo_1.png"])
+@pytest.mark.parametrize(
+    "name", ["config.json", "history.csv", "cameras.json", "cfg_args", "preview.png", "masks/photo_1.png"]
+)
 def test_given_a_file_of_a_run_the_doctor_asks_for_the_run(trained, name):
     assert (trained / name).is_file()
     with pytest.raises(BadInput, match=f"{name} is a file in a run. Give the folder of the run: {trained}$"):

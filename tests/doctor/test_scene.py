@@ -116,7 +116,9 @@ def test_a_model_that_contradicts_its_own_points_is_reported(tmp_path):
     told = "reading: 3 of 4 cameras see less than 50% of the points said to be theirs: expect a poor scene"
     assert any(line.startswith(f"! !! {told}") for line in heard.lines)
     findings, heard = examined(turned_about(tmp_path / "half", 2))
-    assert findings["cameras that look away"].figure.startswith("2 of 4") and "expect a poor scene" not in " ".join(heard.lines)
+    assert findings["cameras that look away"].figure.startswith("2 of 4") and "expect a poor scene" not in " ".join(
+        heard.lines
+    )
     assert findings["cameras that look away"].advice.startswith("Remove them")
 
 
@@ -126,12 +128,15 @@ def turned_about(root, count):
     model = scene.reconstruction()
     for number in range(1, count + 1):
         frame = model.frames[model.images[number].frame_id]
-        frame.rig_from_world = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, np.pi, 0.0])), np.zeros(3)) * frame.rig_from_world
+        frame.rig_from_world = (
+            pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0.0, np.pi, 0.0])), np.zeros(3)) * frame.rig_from_world
+        )
     model.write_binary(str(scene.write(root) / "sparse" / "0"))
     return root
 
 
-@pytest.mark.parametrize(("off", "figure"), [(25.0, "none"), (40.0, "1 of 8 (photo_5.png)")])  # the others are about 3 from the points
+# The others are about 3 from the points.
+@pytest.mark.parametrize(("off", "figure"), [(25.0, "none"), (40.0, "1 of 8 (photo_5.png)")])
 def test_how_far_a_camera_may_be(tmp_path, off, figure):
     assert examined(stray_scene(tmp_path / "scene", off))[0]["cameras astray"].figure == figure
 
@@ -165,7 +170,10 @@ def test_photos_without_points_or_cameras(tmp_path):
     assert other.figure == "1 of 5 (IMG_1.DNG)" and "JPEG" in other.advice
     (tmp_path / "scene" / "images" / "a.jpg").symlink_to(tmp_path / "gone.jpg")
     unusable = examined(tmp_path / "scene" / "images")[0]["unusable photos"]
-    assert unusable.figure.startswith("2 of 5 (a.jpg (is a link to a file that is gone), ") and "Connect its disk" in unusable.advice
+    assert (
+        unusable.figure.startswith("2 of 5 (a.jpg (is a link to a file that is gone), ")
+        and "Connect its disk" in unusable.advice
+    )
 
 
 @pytest.mark.parametrize(("photos", "needed"), [(1, True), (3, False)])
@@ -185,23 +193,32 @@ def save_photos(folder, count):
         assert cv2.imwrite(str(folder / f"{number}.png"), picture)
 
 
-@pytest.mark.parametrize("count, words", [(2, "1 pair to match, up to 1 minute"), (24, "276 pairs to match, up to 1 minute")])
+@pytest.mark.parametrize(
+    "count, words", [(2, "1 pair to match, up to 1 minute"), (24, "276 pairs to match, up to 1 minute")]
+)
 def test_sound_photos_are_sound_and_the_next_step_is_named(tmp_path, count, words):
     save_photos(tmp_path, count)
     findings, heard = examined(tmp_path)
     assert findings["scene"].figure == f"{count} photos of 0.019 MP"
-    assert findings["scene"].meaning == f"photos without cameras; next, `wegs train {tmp_path}` finds them ({words}) and trains"
+    assert (
+        findings["scene"].meaning
+        == f"photos without cameras; next, `wegs train {tmp_path}` finds them ({words}) and trains"
+    )
     assert heard.lines[-1] == f"{tmp_path}: Verdict: sound; 5 checks, nothing to do."
 
 
-@pytest.mark.parametrize("seconds, words", [(61, "2 minutes"), (7200, "120 minutes"), (7201, "3 hours"), (23_624, "7 hours")])
+@pytest.mark.parametrize(
+    "seconds, words", [(61, "2 minutes"), (7200, "120 minutes"), (7201, "3 hours"), (23_624, "7 hours")]
+)
 def test_the_time_for_many_photos_is_given_in_hours(tmp_path, monkeypatch, seconds, words):
     save_photos(tmp_path, 2)
     monkeypatch.setattr(module, "longest_s", lambda photos: seconds)
     assert f"(1 pair to match, up to {words})" in examined(tmp_path)[0]["scene"].meaning
 
 
-@pytest.mark.parametrize("red, spread, is_flat", [(100, 0, True), (100, 4, True), (100, 8, True), (100, 16, False), (140, 0, False)])
+@pytest.mark.parametrize(
+    "red, spread, is_flat", [(100, 0, True), (100, 4, True), (100, 8, True), (100, 16, False), (140, 0, False)]
+)
 def test_a_photo_is_flat_if_its_numbers_hardly_differ(red, spread, is_flat):
     pixels = np.random.default_rng(0).integers(100, 101 + spread, (90, 60, 3)).astype(np.uint8)
     pixels[..., 0] += np.uint8(red - 100)
@@ -228,10 +245,16 @@ def test_photos_too_small_to_find_cameras_by_are_reported(tmp_path):
     assert cv2.imwrite(str(tmp_path / "1.png"), np.zeros((12, 16, 3), np.uint8))
     findings, _ = examined(tmp_path)
     unusable = findings["unusable photos"]
-    assert unusable.figure == "1 of 3 (1.png (is 16 x 12 px, too small to find features in))" and unusable.advice == "Use a larger photo."
+    assert (
+        unusable.figure == "1 of 3 (1.png (is 16 x 12 px, too small to find features in))"
+        and unusable.advice == "Use a larger photo."
+    )
     assert "(1 pair to match" in findings["scene"].meaning
     (tmp_path / "0.png").write_bytes(b"")
-    assert examined(tmp_path)[0]["unusable photos"].advice == "Copy it again, or convert it to JPEG or PNG. Use a larger photo."
+    assert (
+        examined(tmp_path)[0]["unusable photos"].advice
+        == "Copy it again, or convert it to JPEG or PNG. Use a larger photo."
+    )
 
 
 def test_one_photo_is_too_few_to_find_cameras(tmp_path):
@@ -252,12 +275,18 @@ def test_photos_beside_the_folder_that_is_used_are_reported(tmp_path):
     save_photos(tmp_path, 2)
     save_photos(tmp_path / "images", 3)
     found = examined(tmp_path)[0]["photos elsewhere"]
-    assert found.figure == f"2 in {tmp_path}, beside the 3 in {tmp_path / 'images'}" and found.advice == "Put all photos into one."
+    assert (
+        found.figure == f"2 in {tmp_path}, beside the 3 in {tmp_path / 'images'}"
+        and found.advice == "Put all photos into one."
+    )
 
 
 def test_a_model_in_an_unusual_folder_is_reported(tmp_path):
     found = examined(SmallScene().write(tmp_path, sparse="sfm"))[0]["cameras elsewhere"]
-    assert found.figure == f"{tmp_path / 'sfm'} holds a COLMAP model" and found.advice == f"Move it to {tmp_path / 'sparse' / '0'}."
+    assert (
+        found.figure == f"{tmp_path / 'sfm'} holds a COLMAP model"
+        and found.advice == f"Move it to {tmp_path / 'sparse' / '0'}."
+    )
 
 
 def test_the_scene_made_of_photos_of_which_some_are_gone_holds_no_photos_elsewhere(tmp_path):

@@ -27,7 +27,10 @@ def made_weights():
         weights = random.normal(size=(kernel, kernel, into, out)) / kernel / np.sqrt(into)
         layers[f"Conv_{index}"] = {"kernel": weights.astype(np.float32), "bias": np.zeros(out, np.float32)}
         into = out
-    heads = {f"NetLinLayer_{stage}": {"Conv_0": {"kernel": random.random((1, 1, out, 1))}} for stage, out in enumerate(CHANNELS)}
+    heads = {
+        f"NetLinLayer_{stage}": {"Conv_0": {"kernel": random.random((1, 1, out, 1))}}
+        for stage, out in enumerate(CHANNELS)
+    }
     return {lpips.KEY: layers, **heads}
 
 

@@ -214,7 +214,11 @@ def test_results_state_what_decides_whether_they_can_be_compared(tmp_path):
     assert written["photos"] == {"train": 50, "test": 2, "measured": 2}
     assert "mean squared error over all scored pixels" in written["psnr"] and written["psnr"].endswith("at most 100")
     assert written["averaged"] == "each metric over the photos"
-    assert "11 x 11 Gaussian" in written["ssim"] and "absent" in written["lpips"] and "128 steps of the tone" in written["refinement"]
+    assert (
+        "11 x 11 Gaussian" in written["ssim"]
+        and "absent" in written["lpips"]
+        and "128 steps of the tone" in written["refinement"]
+    )
     mean = sum(one.scores["photo"]["zero_shot"].psnr for one in views) / 2
     assert written["means"]["photo"]["zero_shot"]["psnr"] == pytest.approx(mean)
     assert written["means"]["photo"]["zero_shot"]["lpips"] is None
@@ -250,12 +254,17 @@ def test_results_without_refinement_with_lpips_and_of_an_exact_render(tmp_path):
 def test_figures_of_a_poisoned_render_are_spelled_out(tmp_path):
     one = ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(math.nan, math.inf, None)}}, None)
     results(one).save(tmp_path)
-    means, (view,) = (json.loads((tmp_path / name).read_text(), parse_constant=pytest.fail) for name in ("results.json", "per_view.json"))
+    means, (view,) = (
+        json.loads((tmp_path / name).read_text(), parse_constant=pytest.fail)
+        for name in ("results.json", "per_view.json")
+    )
     assert means["means"] == view["scores"] == {"photo": {"zero_shot": {"psnr": "nan", "ssim": "inf", "lpips": None}}}
 
 
 def test_what_some_photos_lack_is_averaged_over_the_others():
     figures = ((10.0, 0.5, None, None), (30.0, None, None, 0.25))  # PSNR, SSIM, LPIPS; overlap of masks
-    views = [ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(*scores)}}, overlap) for *scores, overlap in figures]
+    views = [
+        ViewResult("a.png", 9, 9, {"photo": {"zero_shot": Scores(*scores)}}, overlap) for *scores, overlap in figures
+    ]
     assert results(*views).means() == {"photo": {"zero_shot": {"psnr": 20.0, "ssim": 0.5, "lpips": None}}}
     assert results(*views).mask_iou() == 0.25

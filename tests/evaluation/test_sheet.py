@@ -53,18 +53,23 @@ def test_a_run_without_masks_has_no_column_for_them():
     view = row(30, 90)
     sheet = sheet_of(view)
     assert sheet.shape[1] == 3 * (90 + GAP_PX) and titles("half", 9, "", masked=False)[2] == "error (brightest: 0.5)"
-    assert sheet[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == error_picture(view.photo, view.render)[0, 0].tolist()
+    assert (
+        sheet[LABEL_PX + 10, 2 * (90 + GAP_PX) + 10].tolist() == error_picture(view.photo, view.render)[0, 0].tolist()
+    )
 
 
 def test_titles_say_which_look_is_shown_by_which_protocol_and_after_which_step():
     photo, render, _, error = titles("full", 600, "refined", masked=True)
-    assert (photo, render) == ("photo (protocol full, step 600)", "render (refined)") and error.startswith("error (refined;")
+    assert (photo, render) == ("photo (protocol full, step 600)", "render (refined)") and error.startswith(
+        "error (refined;"
+    )
     assert titles("full", 600, "", masked=True)[1::2] == ("render", "error (brightest: 0.5)")
     one, other = row(8, 300), replace(row(8, 300), look="zero_shot")
     refined, zero_shot = map(sheet_of, (one, other))
     places = [slice(column * (300 + GAP_PX), (column + 1) * (300 + GAP_PX)) for column in range(3)]
     assert [bool((refined[:, place] != zero_shot[:, place]).any()) for place in places] == [False, True, True]
-    assert picture_sheet([row_of(replace(one, look=None), "")], "half", 9).shape == refined.shape  # of a run with one look
+    # Of a run with one look.
+    assert picture_sheet([row_of(replace(one, look=None), "")], "half", 9).shape == refined.shape
 
 
 def test_a_sheet_names_the_step_it_is_given():

@@ -36,7 +36,9 @@ def test_a_png_holds_the_pixels(tmp_path, channels):
     ],
 )
 def test_a_sheet_reads_row_by_row_in_even_rows(frames, rows):
-    sheet = contact_sheet("noon to dusk", [np.full((20, 30, 3), 10 * (number + 1), np.uint8) for number in range(frames)])
+    sheet = contact_sheet(
+        "noon to dusk", [np.full((20, 30, 3), 10 * (number + 1), np.uint8) for number in range(frames)]
+    )
     assert sheet[:LABEL_PX].any()
     sheet = sheet[LABEL_PX:]
     assert sheet[10::20, 15::30, 0].tolist() == rows

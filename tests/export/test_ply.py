@@ -201,7 +201,9 @@ def test_a_comment_of_another_program_may_have_letters_beyond_ascii(tmp_path, te
 
 def test_a_number_that_its_column_cannot_hold_is_refused(tmp_path):
     path = tmp_path / "points.ply"
-    path.write_text("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty uchar red\nend_header\n0 256\n")
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty uchar red\nend_header\n0 256\n"
+    )
     with pytest.raises(BadInput, match="points.ply is garbled: .* out of bounds for uint8"):
         read_ply(path)
 

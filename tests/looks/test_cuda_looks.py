@@ -1,4 +1,5 @@
-"""What is done with a run on a GPU, by the kernels of a GPU and on a device that is not the CPU, is what a CPU does with it."""
+"""What is done with a run on a GPU, by the kernels of a GPU and on a device that is not the CPU,
+is what a CPU does with it."""
 
 from dataclasses import replace
 
@@ -30,7 +31,10 @@ pytestmark = [
 def made_of(trained: TrainedRun) -> dict[str, Tensor]:
     """Tensors of all that a run is used for, every third of its Gaussians made as faint as to be pruned."""
     faint = torch.arange(len(trained.splats), device=trained.device) % 3 == 0
-    trained = replace(trained, splats=replace(trained.splats, logit_opacities=torch.where(faint, -9.0, trained.splats.logit_opacities)))
+    trained = replace(
+        trained,
+        splats=replace(trained.splats, logit_opacities=torch.where(faint, -9.0, trained.splats.logit_opacities)),
+    )
     photos = trained.collection.split("train")
     sized = trained.sized_photo(photos[0])
     look = Colouring(trained.embed(sized.encoder_input))
@@ -59,7 +63,9 @@ def made_of(trained: TrainedRun) -> dict[str, Tensor]:
 @pytest.fixture
 def folder(tmp_path):
     """Of a run on pictures of one tile, which Triton's interpreter draws in a moment."""
-    settings = small_settings(steps=1, max_gaussians=40, sky_gaussians=12, resolution=4, densify_rounds=0, mask_start=0.0, mask_apply=0.0)
+    settings = small_settings(
+        steps=1, max_gaussians=40, sky_gaussians=12, resolution=4, densify_rounds=0, mask_start=0.0, mask_apply=0.0
+    )
     return finished(small_collection(tmp_path), settings, tmp_path).folder
 
 

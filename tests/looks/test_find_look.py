@@ -19,20 +19,31 @@ from tests.small import finished, small_collection, small_settings
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> TrainedRun:
-    return finished(small_collection(tmp_path_factory.mktemp("scene")), small_settings(steps=2), tmp_path_factory.mktemp("runs") / "small")
+    return finished(
+        small_collection(tmp_path_factory.mktemp("scene")),
+        small_settings(steps=2),
+        tmp_path_factory.mktemp("runs") / "small",
+    )
 
 
 def test_a_photo_is_known_without_its_suffix_where_only_one_is_called_so(trained):
     assert find_look(trained, "photo_1", refine=False).source == "training photo photo_1.png"
     assert find_view(trained, "photo_1").name == trained.collection.photo("photo_1").name == "photo_1.png"
     first, second, *rest = trained.collection.photos
-    twins = replace(trained.collection, photos=(first, replace(second, name="photo_0.jpg"), replace(rest[0], name="photo_0")))
+    twins = replace(
+        trained.collection, photos=(first, replace(second, name="photo_0.jpg"), replace(rest[0], name="photo_0"))
+    )
     assert twins.called("photo_0").name == "photo_0"
     twins = replace(twins, photos=twins.photos[:2])
     assert twins.called("photo_0") is None
-    made = replace(trained.collection, photos=tuple(replace(photo, name=f"{photo.name}.jpg") for photo in trained.collection.photos))
+    made = replace(
+        trained.collection,
+        photos=tuple(replace(photo, name=f"{photo.name}.jpg") for photo in trained.collection.photos),
+    )
     assert made.called("photo_1").name == made.called("photo_1.png").name == "photo_1.png.jpg"
-    with pytest.raises(BadInput, match=r"photo_0 may be 2 photos: photo_0.png, photo_0.jpg\. Give the whole name of one"):
+    with pytest.raises(
+        BadInput, match=r"photo_0 may be 2 photos: photo_0.png, photo_0.jpg\. Give the whole name of one"
+    ):
         find_look(replace(trained, collection=twins), "photo_0")
     with pytest.raises(BadInput, match="photo_0 may be 2 photos"):
         twins.photo("photo_0")
@@ -51,7 +62,10 @@ def test_photos_that_were_moved_are_known_by_name_and_size(trained, tmp_path):
     assert "from outside" in find_look(moved, str(tmp_path / there.name), refine=False).source
 
 
-@pytest.mark.parametrize("changes, name", [({"embedding": "glo"}, "photo_0"), ({"appearance": "off"}, "photo_0"), ({"appearance": "off"}, "photo_2")])
+@pytest.mark.parametrize(
+    "changes, name",
+    [({"embedding": "glo"}, "photo_0"), ({"appearance": "off"}, "photo_0"), ({"appearance": "off"}, "photo_2")],
+)
 def test_a_look_that_the_run_holds_needs_no_photo(changes, name, tmp_path_factory):
     """A training photo's in a table; any photo's where there is one look for all."""
     scene, runs = tmp_path_factory.mktemp("scene"), tmp_path_factory.mktemp("runs")
@@ -82,7 +96,10 @@ def test_a_photo_may_have_the_longest_name_there_is(trained, tmp_path, monkeypat
     first, *others = trained.collection.photos
     called_so = replace(trained, collection=replace(trained.collection, photos=(replace(first, name=name), *others)))
     Path(name).unlink()
-    assert find_look(called_so, name, refine=False).source.endswith(f"photo {name}") and find_view(called_so, name).name == name
+    assert (
+        find_look(called_so, name, refine=False).source.endswith(f"photo {name}")
+        and find_view(called_so, name).name == name
+    )
 
 
 def test_a_view_is_named_as_a_look_is(trained):
@@ -106,7 +123,12 @@ def test_a_photo_that_got_no_camera_is_said_to_be_left_out(trained, tmp_path):
     write_json(tmp_path / originals.MADE_OF, {f"{tmp_path}/{name}": [1, 1] for name in (*names, "garbled.jpg")})
     write_json(tmp_path / originals.NAMES, {f"{tmp_path}/{name}": name for name in names})
     made = replace(trained, collection=replace(trained.collection, root=tmp_path))
-    for word, name in (("lost.jpg", "lost.jpg"), ("lost", "lost.jpg"), ("elsewhere/lost.jpg", "lost.jpg"), ("garbled.jpg", "garbled.jpg")):
+    for word, name in (
+        ("lost.jpg", "lost.jpg"),
+        ("lost", "lost.jpg"),
+        ("elsewhere/lost.jpg", "lost.jpg"),
+        ("garbled.jpg", "garbled.jpg"),
+    ):
         said = f"{name} was left out when the cameras were found."
         with pytest.raises(BadInput, match=f"{said} Give its path, as of a photo from outside: {tmp_path}/{name}"):
             find_look(made, word)

@@ -45,7 +45,8 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     (line,) = heard.lines
     assert line == f"Left out {counted(gone, 'Gaussian')}: no training view changes; `wegs bake --prune off` keeps all"
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
-    assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)  # digits of the count
+    # Digits of the count.
+    assert paths[0].stat().st_size - paths[1].stat().st_size == pytest.approx(gone * ROW_BYTES, abs=2)
 
 
 def test_bands_that_no_view_shows_are_left_out_and_named(trained, tmp_path, monkeypatch):
@@ -67,11 +68,16 @@ def test_gaussians_that_cannot_be_drawn_are_left_out_and_counted(trained, tmp_pa
 
 def test_a_look_can_be_written_without_the_sky(trained, tmp_path):
     paths, neutral = [tmp_path / "all.ply", tmp_path / "place.ply"], find_look(trained, "neutral")
-    counts = [write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)]
+    counts = [
+        write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)
+    ]
     assert [sky_of(path) for path in paths] == [trained.sky, 0]
     assert trained.sky > 0 and counts == [len(trained.splats), len(trained.splats) - trained.sky]
     whole, place = (read_ply(path) for path in paths)
-    assert all(torch.equal(part[: len(place)], other) for part, other in zip(whole.tensors().values(), place.tensors().values()))
+    assert all(
+        torch.equal(part[: len(place)], other)
+        for part, other in zip(whole.tensors().values(), place.tensors().values())
+    )
 
 
 @pytest.mark.parametrize(

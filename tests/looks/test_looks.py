@@ -27,9 +27,9 @@ from tests.small import finished, whole_settings
 from tests.training.known_scene import HEIGHT, WIDTH, known_collection, plain
 
 ORANGE, BLUE = (20, 120, 240), (230, 60, 20)  # as OpenCV writes them
-# With the crowd masked, what is left to move the look is that a third of the photo is missing, not what stood there. Measured
-# for three photos: 0.5 to 1.3 of 255 on an AMD EPYC, 1.4 to 2.8 on an Intel Xeon, whose rounding of 150 steps leads elsewhere; with the
-# crowd seen 13 to 31. The bounds leave twice as much for other machines.
+# With the crowd masked, what is left to move the look is that a third of the photo is missing, not what stood there.
+# Measured for three photos: 0.5 to 1.3 of 255 on an AMD EPYC, 1.4 to 2.8 on an Intel Xeon, whose rounding of 150 steps
+# leads elsewhere; with the crowd seen 13 to 31. The bounds leave twice as much for other machines.
 MOVES_BY = 5.5  # of 255, mean over the picture
 SHARE = 0.16  # of what the crowd does where it is seen, on average; 0.08 on the Xeon
 
@@ -81,7 +81,8 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
         outside.write_bytes(photo.path.read_bytes())
         crowd, mask = with_crowd(photo, tmp_path, ORANGE)
         wanted, hidden, seen = (
-            rendered(trained, find_look(trained, str(path), hiding)) for path, hiding in ((outside, None), (crowd, mask), (crowd, None))
+            rendered(trained, find_look(trained, str(path), hiding))
+            for path, hiding in ((outside, None), (crowd, mask), (crowd, None))
         )
         moved.append(float((hidden - wanted).abs().mean()))
         leaked.append(float((seen - wanted).abs().mean()))
@@ -90,16 +91,23 @@ def test_a_masked_crowd_hardly_moves_the_look(trained, tmp_path):
 
 def test_a_held_out_photo_whose_mask_is_gone_is_read_without_it(trained, tmp_path):
     photo = trained.collection.split("test")[0]
-    photos = tuple(replace(one, mask=GivenMask(tmp_path / "gone.png")) if one.name == photo.name else one for one in trained.collection.photos)
+    photos = tuple(
+        replace(one, mask=GivenMask(tmp_path / "gone.png")) if one.name == photo.name else one
+        for one in trained.collection.photos
+    )
     masked, heard = replace(trained, collection=replace(trained.collection, photos=photos)), Heard()
     found = find_look(masked, photo.name, refine=False, report=heard)
     assert torch.equal(found.colouring.embedding, find_look(trained, photo.name, refine=False).colouring.embedding)
-    assert heard.lines[-1].startswith("! The mask ") and heard.lines[-1].endswith(f"{photo.name} is read without its mask.")
+    assert heard.lines[-1].startswith("! The mask ") and heard.lines[-1].endswith(
+        f"{photo.name} is read without its mask."
+    )
 
 
 def test_colours_under_a_mask_do_not_enter_a_look(trained, tmp_path):
     photo = trained.collection.photos[3]
-    looks = [find_look(trained, str(crowd), mask) for crowd, mask in (with_crowd(photo, tmp_path, c) for c in (ORANGE, BLUE))]
+    looks = [
+        find_look(trained, str(crowd), mask) for crowd, mask in (with_crowd(photo, tmp_path, c) for c in (ORANGE, BLUE))
+    ]
     assert torch.equal(looks[0].colouring.embedding, looks[1].colouring.embedding)
     # For a photo of the collection as well, by its name.
     plain_look, masked = (find_look(trained, photo.name, mask, refine=False) for mask in (None, tmp_path / "mask.png"))
@@ -113,7 +121,11 @@ def test_colours_under_a_mask_do_not_enter_a_look(trained, tmp_path):
 
 def test_a_mask_that_is_no_file_is_neither_read_nor_waited_for(trained, tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for mask, words in ((tmp_path / "pipe", "pipe is not a file"), (tmp_path, "is not a file"), (tmp_path / "no.png", "There is no mask .*no.png")):
+    for mask, words in (
+        (tmp_path / "pipe", "pipe is not a file"),
+        (tmp_path, "is not a file"),
+        (tmp_path / "no.png", "There is no mask .*no.png"),
+    ):
         with pytest.raises(BadInput, match=f"{words}. Give a picture, white = use."):
             find_look(trained, trained.collection.photos[0].name, mask)
 
@@ -126,15 +138,20 @@ def darkened(photo, folder, gain: float):
 
 
 def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
-    """No look within the known range is that dark: a gain brings the rest, and is saved, mixed and told with the look."""
+    """No look within the known range is that dark:
+    a gain brings the rest, and is saved, mixed and told with the look."""
     photo = trained.collection.photo("photo_03.png")
     night = darkened(photo, tmp_path, 0.15)
     look = find_look(trained, str(night))
     wanted = torch.from_numpy(cv2.imread(str(night))[..., ::-1].copy())
-    shown, without = (rendered(trained, each) for each in (look, replace(look, colouring=look.colouring._replace(tone=None))))
+    shown, without = (
+        rendered(trained, each) for each in (look, replace(look, colouring=look.colouring._replace(tone=None)))
+    )
     assert (shown - wanted).abs().mean() < 0.25 * (without - wanted).abs().mean()
     assert trained.known_range.distance(look.colouring.embedding) <= 1 + 1e-5
-    assert look.source.startswith("photo 0.15.png from outside the collection, lit unlike any photo of the place (darker), ")
+    assert look.source.startswith(
+        "photo 0.15.png from outside the collection, lit unlike any photo of the place (darker), "
+    )
 
     kept = saved_look.save(trained.folder, replace(look, name="night"), trained.identity, trained.step)
     assert torch.equal(torch.tensor(json.loads(kept.read_text())["tone"]), look.colouring.tone)  # the gains in numbers
@@ -157,16 +174,21 @@ def test_only_what_lies_beyond_the_known_range_becomes_a_gain(trained, tmp_path)
     assert sorted(strengths, reverse=True) == strengths and strengths[-1] < 0.1
     picture = torch.from_numpy(cv2.imread(str(paths[1]))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
     whole = tone_between(_layers(trained), band_means(picture))
-    assert float(whole.mean()) < strengths[1] - 0.02  # as much of it as brings the photo into the known range, and no more
+    # As much of it as brings the photo into the known range, and no more.
+    assert float(whole.mean()) < strengths[1] - 0.02
 
 
 def test_no_training_photo_lies_beyond_the_known_range_as_a_file_from_outside_either(trained):
-    """The encoder has the weights of the last step there, and sees no mask and no jitter: unlike when training met the photos."""
+    """The encoder has the weights of the last step there, and sees no mask and no jitter:
+    unlike when training met the photos."""
     names = trained.model.photo_names
     pictures = [trained.sized_photo(trained.collection.photo(name)).encoder_input for name in names]
     seen = [trained.model.embedding_from_outside(picture) for picture in pictures]
     assert max(map(trained.known_range.distance, seen)) <= 1 + 1e-5
-    assert torch.equal(trained.photo_embeddings, torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]))
+    assert torch.equal(
+        trained.photo_embeddings,
+        torch.stack([trained.model.read(picture, row).embedding for row, picture in enumerate(pictures)]),
+    )
 
 
 def test_no_tone_is_read_where_transparent_pixels_are_empty(trained, tmp_path):
@@ -184,7 +206,12 @@ def test_the_sky_of_a_view_is_what_it_shows_of_the_dome(trained):
     pixels = cell_sums(everything[..., None])[:, 0]
     sky = trained.seen_by(camera).in_cells(everything).sky
     assert sky.shape == pixels.shape and sky.min() >= 0 and 0.5 < (sky / pixels).max() <= 1 + 1e-5
-    dome_alone = replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :]).seen_by(camera).in_cells(everything).sky
+    dome_alone = (
+        replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :])
+        .seen_by(camera)
+        .in_cells(everything)
+        .sky
+    )
     assert (sky <= dome_alone + 1e-3).all() and (sky < 0.5 * dome_alone).any()
     assert replace(trained, sky=0).seen_by(camera).in_cells(everything).sky is None
 
@@ -201,8 +228,8 @@ def test_sky_and_place_have_gains_of_their_own(trained, tmp_path):
 
 @pytest.mark.parametrize("enters", ["output", "input"])
 def test_the_largest_step_of_a_fade_is_at_most_twice_the_mean_one(trained, tmp_path, enters):
-    """On plaza and Liberty 1.03 in 20 pairs: as an input of the output layer, embeddings mix almost linearly. A deeper way in
-    bends more (1.5 here), and is held to the same bound."""
+    """On plaza and Liberty 1.03 in 20 pairs: as an input of the output layer, embeddings mix almost linearly. A deeper
+    way in bends more (1.5 here), and is held to the same bound."""
     live = trained if enters == "output" else train(tmp_path, embedding_enters=enters)
     for words in (("neutral", "photo_09.png"), ("photo_05.png", "photo_09.png"), ("photo_01.png", "photo_20.png")):
         ends = [find_look(live, word, refine=False) for word in words]

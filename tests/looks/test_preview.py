@@ -17,7 +17,11 @@ from tests.small import finished, small_collection, whole_settings
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    return finished(small_collection(tmp_path_factory.mktemp("scene")), whole_settings(steps=20), tmp_path_factory.mktemp("runs") / "run")
+    return finished(
+        small_collection(tmp_path_factory.mktemp("scene")),
+        whole_settings(steps=20),
+        tmp_path_factory.mktemp("runs") / "run",
+    )
 
 
 def training_photos(trained):
@@ -39,7 +43,9 @@ def test_each_row_is_a_photo_the_scene_in_its_look_and_in_the_neutral_one(traine
     for number, sized in enumerate(photos):
         top = LABEL_PX + number * (height + GAP_PX + LABEL_PX)
         looks = (find_look(trained, word, refine=False) for word in (sized.photo.name, "neutral"))
-        images = [to_8_bit(trained.rasterizer.render(bake(trained, look), sized.camera, trained.background)) for look in looks]
+        images = [
+            to_8_bit(trained.rasterizer.render(bake(trained, look), sized.camera, trained.background)) for look in looks
+        ]
         for column, expected in enumerate((sized.pixels, *images)):
             left = column * (width + GAP_PX)
             assert np.array_equal(sheet[top : top + height, left : left + width], expected)

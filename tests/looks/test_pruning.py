@@ -103,14 +103,20 @@ def test_a_look_too_bright_for_the_bound_keeps_all_that_is_drawn():
 
 def test_the_bound_holds_over_what_the_look_is_shown_over():
     """A black one behind is nothing over black; over white its absence adds to that of the band."""
-    front, behind = gaussians([[0.0, 0.0, 0.0]], 0.3, 0.9, 0.1, degree=1), gaussians([[0.0, 0.0, 0.5]], 0.05, 4.5 / 255, 0.0, degree=1)
+    front, behind = (
+        gaussians([[0.0, 0.0, 0.0]], 0.3, 0.9, 0.1, degree=1),
+        gaussians([[0.0, 0.0, 0.5]], 0.05, 4.5 / 255, 0.0, degree=1),
+    )
     front.sh[:, 2] = -0.004
     look, white = Splats.concatenate([front, behind]), (1.0, 1.0, 1.0)
     for background, bands in ((BLACK, 1), (white, 0)):
         pruned = Pruner(look, CAMERAS[:1], RASTERIZER, background=background)(look)
         assert (pruned.gaussians, pruned.bands) == (1, bands)
         shown = [RASTERIZER.render(splats, CAMERAS[0], background).clamp(0, 1) for splats in (look, pruned.splats)]
-        assert pruned.largest == pytest.approx(255 * float((shown[0] - shown[1]).abs().max())) and 0.3 < pruned.largest <= 0.5
+        assert (
+            pruned.largest == pytest.approx(255 * float((shown[0] - shown[1]).abs().max()))
+            and 0.3 < pruned.largest <= 0.5
+        )
 
 
 def test_gaussians_that_are_not_finite_are_left_for_the_writer_to_count():
@@ -149,7 +155,9 @@ def test_views_are_skipped_once_nothing_can_go():
     assert told == [(5, 5)] and pruner.kept.all()
     behind = gaussians([[0.0, 0.0, -40.0]], 0.1, 0.9, 1.0)
     told.clear()
-    assert Pruner(Splats.concatenate([look, behind]), views, RASTERIZER, told=lambda done, total: told.append((done, total))).kept.tolist() == [
+    assert Pruner(
+        Splats.concatenate([look, behind]), views, RASTERIZER, told=lambda done, total: told.append((done, total))
+    ).kept.tolist() == [
         True,
         False,
     ]

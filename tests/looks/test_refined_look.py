@@ -1,4 +1,5 @@
-"""Looks refined against their photos: of held-out ones always, of photos from outside where these were taken is found."""
+"""Looks refined against their photos: of held-out ones always,
+of photos from outside where these were taken is found."""
 
 import shutil
 from dataclasses import replace
@@ -35,12 +36,20 @@ def trained(tmp_path_factory) -> TrainedRun:
         tint = np.exp(0.3 * np.random.default_rng(number).normal(size=3))
         cv2.imwrite(path, np.clip(0.7 * tint * cv2.imread(path), 0, 255).astype(np.uint8))
     collection = prepared(scene, runs / "points", Report())
-    small = {"steps": 300, "max_gaussians": 1500, "sky_gaussians": 100, "encoder_side_px": 48, "checkpoints": 1, "held_out_checks": 0}
+    small = {
+        "steps": 300,
+        "max_gaussians": 1500,
+        "sky_gaussians": 100,
+        "encoder_side_px": 48,
+        "checkpoints": 1,
+        "held_out_checks": 0,
+    }
     return finished(collection, whole_settings(**small), runs / "run")
 
 
 def off(trained: TrainedRun, look, name: str = "0.png") -> float:
-    """The mean difference, which a refinement makes smaller, between the look, seen by the camera of a photo, and that photo."""
+    """The mean difference, which a refinement makes smaller, between the look,
+    seen by the camera of a photo, and that photo."""
     sized = trained.sized_photo(trained.collection.photo(name))
     image = trained.rasterizer.render(bake(trained, look), sized.camera, trained.background)
     return float((image - torch.from_numpy(sized.pixels).float() / 255).abs().mean())
@@ -48,12 +57,17 @@ def off(trained: TrainedRun, look, name: str = "0.png") -> float:
 
 def alike(first: Colouring, second: Colouring) -> bool:
     """Whether two refined looks are the same, bit for bit."""
-    pairs = [(first.embedding, second.embedding), (first.tone, second.tone), *((first.changes[name], second.changes[name]) for name in first.changes)]
+    pairs = [
+        (first.embedding, second.embedding),
+        (first.tone, second.tone),
+        *((first.changes[name], second.changes[name]) for name in first.changes),
+    ]
     return first.changes.keys() == second.changes.keys() and all(torch.equal(*pair) for pair in pairs)
 
 
 def test_a_crowd_before_the_place_is_not_painted_onto_it(trained, monkeypatch):
-    """How far an orange crowd on a seventh of the photo moves what is seen in its look, with and without being found strange."""
+    """How far an orange crowd on a seventh of the photo moves what is seen in its look,
+    with and without being found strange."""
     sized = trained.sized_photo(trained.collection.photo("0.png"))
     clean = torch.from_numpy(sized.pixels).float() / 255
     crowded, begin, seen = clean.clone(), find_look(trained, "0.png", refine=False), trained.seen_by(sized.camera)
@@ -76,15 +90,22 @@ def test_refinement_brings_a_look_closer_to_its_photo(trained):
     assert encoded.source == "held-out photo 0.png" and refined.source == "held-out photo 0.png, refined"
     assert heard.steps[-1] == (STEPS + LATER_STEPS,) * 2
     assert trained.known_range.distance(encoded.colouring.embedding) <= 1 + 1e-5
-    assert torch.equal(refined.colouring.embedding, encoded.colouring.embedding)  # the weights that it gives are refined in its place
-    assert set(refined.colouring.changes) == set(trained.given_spread | trained.model.hidden_weights) and encoded.colouring.changes == {}
+    # The weights that it gives are refined in its place.
+    assert torch.equal(refined.colouring.embedding, encoded.colouring.embedding)
+    assert (
+        set(refined.colouring.changes) == set(trained.given_spread | trained.model.hidden_weights)
+        and encoded.colouring.changes == {}
+    )
 
 
 def test_a_training_photo_is_refined_for_as_long_as_it_is_there(trained):
     """Its look as it was learned is in the run."""
     learned, refined = (find_look(trained, "1.png", refine=refine) for refine in (False, True))
     assert torch.equal(learned.colouring.embedding, trained.photo_embeddings[trained.model.photo_names.index("1.png")])
-    assert off(trained, refined, "1.png") < off(trained, learned, "1.png") and refined.source == "training photo 1.png, refined"
+    assert (
+        off(trained, refined, "1.png") < off(trained, learned, "1.png")
+        and refined.source == "training photo 1.png, refined"
+    )
     photos = tuple(replace(photo, path=photo.path.with_name("gone.png")) for photo in trained.collection.photos)
     kept = find_look(replace(trained, collection=replace(trained.collection, photos=photos)), "1.png")
     assert torch.equal(kept.colouring.embedding, learned.colouring.embedding) and kept.colouring.changes == {}
@@ -97,7 +118,9 @@ def test_a_refined_look_is_saved_whole_and_fades_evenly(trained, tmp_path):
     new = replace(trained, folder=tmp_path / "run")
     saved_look.save(new.folder, replace(refined, name="kept"), new.identity, new.step)
     camera = trained.camera(trained.collection.photo("0.png"))
-    frames = [trained.seen_by(camera).render(blend(find_look(new, "kept"), other, share / 9).colouring) for share in range(10)]
+    frames = [
+        trained.seen_by(camera).render(blend(find_look(new, "kept"), other, share / 9).colouring) for share in range(10)
+    ]
     assert torch.equal(frames[0], trained.seen_by(camera).render(refined.colouring))
     steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
     assert max(steps) <= 2 * fmean(steps)
@@ -107,7 +130,10 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
     """What lies out of view moves less than what is in view, and much less than if nothing held it."""
     sized = trained.sized_photo(trained.collection.photo("0.png"))
     half = sized.camera.cropped(0, 0, sized.camera.width // 2, sized.camera.height)
-    seen, photo = trained.seen_by(half), Wanted.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None)
+    seen, photo = (
+        trained.seen_by(half),
+        Wanted.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None),
+    )
     start = find_look(trained, "0.png", refine=False).colouring
     unseen = seen.in_cells(photo.weight).unseen
 
@@ -115,7 +141,9 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
     def moved() -> tuple[float, float]:
         looks = list(refinement(seen, start, photo))
         rows = seen.visible.rows, unseen
-        return tuple(float((seen.harmonics(each, looks[-1]) - seen.harmonics(each, looks[STEPS])).abs().mean()) for each in rows)
+        return tuple(
+            float((seen.harmonics(each, looks[-1]) - seen.harmonics(each, looks[STEPS])).abs().mean()) for each in rows
+        )
 
     shown, hidden = moved()
     monkeypatch.setattr("core.appearance.refinement.HOLD", 0.0)
@@ -124,7 +152,8 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
 
 
 def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_nothing_that_is_not_finite(trained):
-    """Two opaque Gaussians on the axis of a camera, one behind the other, one that is not finite, and those of the run."""
+    """Two opaque Gaussians on the axis of a camera, one behind the other,
+    one that is not finite, and those of the run."""
     photo = trained.collection.photo("0.png")
     camera = trained.camera(photo)
     count = len(trained.splats) - trained.sky
@@ -181,7 +210,10 @@ def test_landmarks_are_found_once_and_then_suffice_without_the_scene(trained, tm
     moved = replace(new, collection=replace(trained.collection, root=tmp_path / "gone"))
     unlocated = f"its camera could not be located: the scene {tmp_path / 'gone'} is gone"
     assert find_look(moved, str(outside)).source.endswith(f"not refined: {unlocated}")
-    photos = tuple(replace(photo, camera=replace(photo.camera, centre=photo.camera.centre + 0.01)) for photo in trained.collection.photos)
+    photos = tuple(
+        replace(photo, camera=replace(photo.camera, centre=photo.camera.centre + 0.01))
+        for photo in trained.collection.photos
+    )
     anew = replace(new, collection=replace(trained.collection, photos=photos))
     assert find_look(anew, str(outside)).source.endswith(f"are not those that {new.folder} was trained with")
     assert not list(new.folder.iterdir())
@@ -195,7 +227,9 @@ def test_landmarks_are_not_kept_until_all_photos_can_be_read(trained, tmp_path):
     """What is found while a disk is half copied would else lose photos for good."""
     shutil.copytree(trained.collection.photos[0].path.parent, tmp_path / "scene")
     (tmp_path / "run").mkdir()
-    run = replace(trained, folder=tmp_path / "run", collection=prepared(tmp_path / "scene", tmp_path / "points", Report()))
+    run = replace(
+        trained, folder=tmp_path / "run", collection=prepared(tmp_path / "scene", tmp_path / "points", Report())
+    )
     lost, damaged = (run.collection.photo(name).path for name in ("3.png", "4.png"))
     whole = [path.read_bytes() for path in (lost, damaged)]
     heard = Heard()
@@ -219,7 +253,9 @@ def test_a_scene_that_does_not_say_which_photo_sees_which_point_is_reported(trai
     monkeypatch.setattr(refined_look, "known_photos", lambda collection: [])
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), 120, np.uint8))
-    assert find_look(replace(trained, folder=tmp_path), str(wall)).source.endswith("does not tell which photo shows which point")
+    assert find_look(replace(trained, folder=tmp_path), str(wall)).source.endswith(
+        "does not tell which photo shows which point"
+    )
 
 
 def test_landmarks_can_be_used_in_a_run_that_may_not_be_written_in(trained, tmp_path, monkeypatch):
@@ -237,7 +273,9 @@ def test_landmarks_are_not_kept_in_a_run_that_was_replaced_meanwhile(trained, tm
 
 
 def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_path, monkeypatch):
-    pixels = cv2.resize(cv2.imread(str(trained.collection.photo("0.png").path)), (4 * WIDTH, 4 * HEIGHT), interpolation=cv2.INTER_CUBIC)
+    pixels = cv2.resize(
+        cv2.imread(str(trained.collection.photo("0.png").path)), (4 * WIDTH, 4 * HEIGHT), interpolation=cv2.INTER_CUBIC
+    )
     cv2.imwrite(str(tmp_path / "large.png"), pixels)
     drawn = []
     monkeypatch.setattr(refined_look, "refined", lambda trained, look, camera, *rest: drawn.append(camera) or look)
@@ -247,7 +285,9 @@ def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_pat
 
 def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_read(trained, tmp_path):
     """Three rows of four of a photo that is shrunk to a sixth: no pixel is averaged of used ones alone."""
-    pixels = cv2.resize(cv2.imread(str(trained.collection.photo("0.png").path)), (6 * WIDTH, 6 * HEIGHT), interpolation=cv2.INTER_CUBIC)
+    pixels = cv2.resize(
+        cv2.imread(str(trained.collection.photo("0.png").path)), (6 * WIDTH, 6 * HEIGHT), interpolation=cv2.INTER_CUBIC
+    )
     mask = np.full(pixels.shape[:2], 255, np.uint8)
     mask[::4] = 0
     for name, picture in (("photo.png", pixels), ("mask.png", mask)):
@@ -280,7 +320,9 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     embedding = look.colouring.embedding.clone().requires_grad_()
     trained.seen_by(camera).render(Colouring(embedding)).sum().backward()
     assert embedding.grad.abs().max() > 0
-    assert trained.splats.means.grad is None and all(weight.grad is None for weight in trained.model.encoder.parameters())
+    assert trained.splats.means.grad is None and all(
+        weight.grad is None for weight in trained.model.encoder.parameters()
+    )
 
 
 def test_cells_show_what_the_picture_shows(trained):
@@ -289,7 +331,10 @@ def test_cells_show_what_the_picture_shows(trained):
     weight = torch.rand(camera.height, camera.width)
     tone = torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])
     for run in (trained, replace(trained, settings=trained.settings.changed(sky="none", transparency="empty"))):
-        for colouring in (find_look(trained, "1.png").colouring, find_look(trained, "2.png").colouring._replace(tone=tone)):
+        for colouring in (
+            find_look(trained, "1.png").colouring,
+            find_look(trained, "2.png").colouring._replace(tone=tone),
+        ):
             seen = run.seen_by(camera)
             expected = cell_sums(seen.render(colouring) * weight[..., None])
             torch.testing.assert_close(seen.in_cells(weight).sums(colouring), expected, rtol=1e-5, atol=1e-4)

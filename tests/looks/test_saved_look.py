@@ -32,7 +32,9 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
     night = Look("night", "night.jpg", dusk._replace(tone=torch.rand(2, 3)))
     assert torch.equal(loaded(saved_look.save(tmp_path, night, "abc", 7), 16).colouring.tone, night.colouring.tone)
     changes = {name: torch.randn_like(weight) for name, weight in WEIGHTS.items()}
-    back = loaded(saved_look.save(tmp_path, Look("changed", "dusk.jpg", dusk._replace(changes=changes)), "abc", 7), 16).colouring.changes
+    back = loaded(
+        saved_look.save(tmp_path, Look("changed", "dusk.jpg", dusk._replace(changes=changes)), "abc", 7), 16
+    ).colouring.changes
     assert back.keys() == WEIGHTS.keys() and all(torch.equal(back[name], changes[name]) for name in WEIGHTS)
 
 
@@ -51,14 +53,38 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
         ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, -3e38]}', "2 numbers of an embedding"),
         ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": ' + 100_000 * "[", "not a saved look"),
         ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, "x"]}', "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 1' + 400 * "0" + "]}", "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [1]}', "not two rows of three gains"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, 3e38]]}', "not two rows"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}', "not a saved look"),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": [1]}', "not a saved look"),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 1' + 400 * "0" + "]}",
+            "not a saved look",
+        ),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [1]}',
+            "not two rows of three gains",
+        ),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1], [1, 1], [1, 1]]}',
+            "not two rows",
+        ),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, NaN]]}',
+            "not two rows",
+        ),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, -1]]}',
+            "not two rows",
+        ),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1, 3e38]]}',
+            "not two rows",
+        ),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "tone": [[1, 1, 1], [1, 1]]}',
+            "not a saved look",
+        ),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": [1]}',
+            "not a saved look",
+        ),
         (
             '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1]}}',
             "changes that do not fit abc",
@@ -67,7 +93,10 @@ def test_a_look_comes_back_bit_for_bit(tmp_path):
             '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": {"last.bias": [1, 1, 1, NaN]}}',
             "changes that do not fit",
         ),
-        ('{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": {"encoder": [1]}}', "changes that do not fit abc"),
+        (
+            '{"name": "a", "source": "b", "run": "abc", "step": 7, "embedding": [1, 2], "changes": {"encoder": [1]}}',
+            "changes that do not fit abc",
+        ),
     ],
 )
 def test_a_look_of_no_use_is_refused(tmp_path, text, words):

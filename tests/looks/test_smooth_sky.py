@@ -17,7 +17,16 @@ DISCS = 200
 RASTERIZER = core.rasterizer.create("cpu")
 # Three that look to one side, the first two at nearly the same discs.
 CAMERAS = [
-    Camera(np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]]), np.zeros(3), 90.0, 90.0, 60.0, 45.0, 120, 90)
+    Camera(
+        np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]]),
+        np.zeros(3),
+        90.0,
+        90.0,
+        60.0,
+        45.0,
+        120,
+        90,
+    )
     for turn in (0.0, 0.2, 0.6)
 ]
 

@@ -1,4 +1,5 @@
-"""A run that is looked at: which photo a path means, how those from outside are read, and at what size photos are measured."""
+"""A run that is looked at: which photo a path means, how those from outside are read,
+and at what size photos are measured."""
 
 import shutil
 from dataclasses import replace
@@ -21,7 +22,9 @@ from tests.small import HEIGHT, WIDTH, finished, small_collection, small_setting
 def trained(tmp_path_factory) -> TrainedRun:
     """A run of seconds at half the photos' size."""
     folder = tmp_path_factory.mktemp("runs") / "small"
-    collection = replace(small_collection(tmp_path_factory.mktemp("scene")), frame=SceneFrame(np.array([3.0, -2.0, 1.0]), 7.0))
+    collection = replace(
+        small_collection(tmp_path_factory.mktemp("scene")), frame=SceneFrame(np.array([3.0, -2.0, 1.0]), 7.0)
+    )
     return finished(collection, small_settings(steps=4, resolution=2), folder)
 
 
@@ -46,10 +49,15 @@ def test_a_photo_from_outside_is_read_without_its_predicted_mask(trained, tmp_pa
 def test_looks_mix_in_shares_and_end_as_themselves():
     """One without a tone is one whose gains are 1."""
     embeddings = torch.randn(2, 6, generator=torch.Generator().manual_seed(0))
-    day, night = Look("day", "a photo", Colouring(embeddings[0])), Look("night", "a photo", Colouring(embeddings[1], torch.full((2, 3), 0.2)))
+    day, night = (
+        Look("day", "a photo", Colouring(embeddings[0])),
+        Look("night", "a photo", Colouring(embeddings[1], torch.full((2, 3), 0.2))),
+    )
     assert blend(day, night, 0.0) is day and blend(day, night, 1.0) is night
     mixed = blend(day, night, 0.25)
-    torch.testing.assert_close(mixed.colouring.embedding, 0.75 * day.colouring.embedding + 0.25 * night.colouring.embedding)
+    torch.testing.assert_close(
+        mixed.colouring.embedding, 0.75 * day.colouring.embedding + 0.25 * night.colouring.embedding
+    )
     torch.testing.assert_close(mixed.colouring.tone, torch.full((2, 3), 0.8))
     assert mixed.name == "0.250 of the way from day to night" and blend(day, day, 0.5).colouring.tone is None
 
@@ -57,7 +65,10 @@ def test_looks_mix_in_shares_and_end_as_themselves():
 def test_looks_mix_what_goes_beyond_embeddings_too():
     """A look without a change of a weight is one whose change is zero."""
     plain = Colouring(torch.zeros(2))
-    first, last = plain._replace(changes={"a": torch.ones(2), "b": torch.ones(3)}), plain._replace(changes={"b": 3 * torch.ones(3)})
+    first, last = (
+        plain._replace(changes={"a": torch.ones(2), "b": torch.ones(3)}),
+        plain._replace(changes={"b": 3 * torch.ones(3)}),
+    )
     mixed = blended(first, last, 0.25).changes
     assert {name: change.tolist() for name, change in mixed.items()} == {"a": [0.75] * 2, "b": [1.5] * 3}
     assert blended(plain, last, 0.5).changes["b"].tolist() == [1.5] * 3 and blended(plain, plain, 0.5).changes == {}

@@ -73,7 +73,10 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
         find_look(live, "Noo")
     by_path = find_look(live, str(folder / "appearance" / "noon.json"))
     assert by_path.source == "saved look noon (of training photo photo_0.png, refined)"
-    for elsewhere, words in (("gone/noon", "is neither a photo file"), ("gone/noon.json", "no saved look gone/noon.json")):
+    for elsewhere, words in (
+        ("gone/noon", "is neither a photo file"),
+        ("gone/noon.json", "no saved look gone/noon.json"),
+    ):
         with pytest.raises(BadInput, match=words):
             find_look(live, elsewhere)
 
@@ -133,7 +136,9 @@ def test_a_scene_far_from_the_origin_is_written_around_itself_and_that_is_report
     monkeypatch.setattr(baking, "open_run", lambda *_: far)
     pipeline.bake_to_file(trained[0], "neutral", tmp_path / "far.ply", heard)
     assert [line for line in heard.lines if "written around" in line] == far.collection.frame.offset_lines()
-    assert heard.lines[1].endswith(": files are written around (5000000, 0, -7.5).") and not any("written around" in line for line in near.lines)
+    assert heard.lines[1].endswith(": files are written around (5000000, 0, -7.5).") and not any(
+        "written around" in line for line in near.lines
+    )
     assert torch.equal(*(read_ply(tmp_path / f"{name}.ply").means for name in ("near", "far")))
 
 

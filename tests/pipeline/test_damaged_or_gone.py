@@ -28,7 +28,9 @@ def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, mo
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "a run", heard)
     said = "\n".join(heard.lines)
     for split, name in (("train", "photo_0.png"), ("test", "photo_2.png")):
-        assert re.search(rf"^! 1 photo of the {split} split that cannot be used: {name} \(ends before .*\)$", said, re.MULTILINE)
+        assert re.search(
+            rf"^! 1 photo of the {split} split that cannot be used: {name} \(ends before .*\)$", said, re.MULTILINE
+        )
     assert f"Next: wegs bake --run '{folder}'" in said  # not the newest of ./runs, and with a space
     with pytest.raises(BadInput, match="photo_0.jpg ends before"):
         pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "a.ply")
@@ -56,7 +58,8 @@ def test_a_run_outlives_its_photos(trained, tmp_path):
     known, read = (tuple(vars(camera).values()) for camera in (before.camera(photo), before.sized_photo(photo).camera))
     assert known == read  # one class of arrays: the very same numbers
     pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "fade")
-    assert torch.equal(*(find_look(live, photo.name, refine=False).colouring.embedding for live in (before, after)))  # is in the checkpoint
+    # Is in the checkpoint.
+    assert torch.equal(*(find_look(live, photo.name, refine=False).colouring.embedding for live in (before, after)))
     for need in (lambda: pipeline.evaluate(folder), lambda: after.sized_photo(gone)):
         with pytest.raises(BadInput, match="gone is gone. Move it back, or write where it is now into .*config.json"):
             need()
@@ -80,7 +83,9 @@ def test_a_photo_replaced_by_another_is_reported_and_prevents_a_resume(trained, 
         pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply", heard, force=True)
         assert (said in heard.lines) == changed
     shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
-    with pytest.raises(BadInput, match="are not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"):
+    with pytest.raises(
+        BadInput, match="are not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"
+    ):
         pipeline.resume(folder)
 
 
@@ -93,5 +98,8 @@ def test_a_run_is_not_resumed_with_masks_that_were_redrawn(small_scene, tmp_path
     redrawn = np.full((HEIGHT, WIDTH), 255, np.uint8)
     redrawn[::2, ::3] = 0
     cv2.imwrite(str(tmp_path / "masks" / "photo_1.png"), redrawn)
-    with pytest.raises(BadInput, match="or their masks, are not those that .* changed, split otherwise or gone: photo_1.png. Put them back"):
+    with pytest.raises(
+        BadInput,
+        match="or their masks, are not those that .* changed, split otherwise or gone: photo_1.png. Put them back",
+    ):
         pipeline.resume(folder)

@@ -38,10 +38,15 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
     assert len(json.loads((trained[0] / "per_view.json").read_text())) == 2
     assert cv2.imread(str(trained[0] / "sheet.png")).shape[1] > 4 * 48  # photo | render | mask | error
     assert heard.steps[-1] == (2, 2) and any(line.startswith("photo, zero-shot: PSNR") for line in heard.lines)
-    pipeline.evaluate(trained[0], "full", refine=False, keep_pictures=True)  # neither protocol's figures replace the other's
+    # Neither protocol's figures replace the other's.
+    pipeline.evaluate(trained[0], "full", refine=False, keep_pictures=True)
     for name, protocol in (("results.json", "half"), ("results_full.json", "full")):
         assert json.loads((trained[0] / name).read_text())["protocol"] == protocol
-    assert {path.name for path in trained[0].glob("*_full.*")} == {"per_view_full.json", "results_full.json", "sheet_full.png"}
+    assert {path.name for path in trained[0].glob("*_full.*")} == {
+        "per_view_full.json",
+        "results_full.json",
+        "sheet_full.png",
+    }
     assert {path.name for path in (trained[0] / "pictures/full/gt-color").iterdir()} == {"photo_2.png", "photo_5.png"}
 
 
@@ -68,7 +73,9 @@ def test_the_known_truth_of_a_synthetic_scene_is_measured_too(trained, small_sce
     means = pipeline.evaluate(trained[0], "half", heard, refine=False).means()
     shutil.rmtree(small_scene / "truth")
     assert means["photo"]["zero_shot"] == means["clean_right"]["zero_shot"] != means["clean"]["zero_shot"]
-    assert any(line.startswith("mask IoU: ") for line in heard.lines) and "LPIPS: 2 photos too small for it" in heard.lines
+    assert (
+        any(line.startswith("mask IoU: ") for line in heard.lines) and "LPIPS: 2 photos too small for it" in heard.lines
+    )
 
 
 def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):
@@ -98,7 +105,9 @@ def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tm
         lambda: pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.ply", save_as="new"),
         lambda: suite.curves((trained[0],), ("half",), True, Heard()),
     ):
-        with pytest.raises(BadInput, match="may not be written in: Permission denied. Make it writable, or copy the run"):
+        with pytest.raises(
+            BadInput, match="may not be written in: Permission denied. Make it writable, or copy the run"
+        ):
             need()
     assert list(tmp_path.iterdir()) == []
 

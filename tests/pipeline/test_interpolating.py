@@ -43,18 +43,25 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
 def test_the_camera_moves_from_one_view_to_the_other(trained, tmp_path):
     folder, views = trained[0], ("photo_0", "photo_2")
     fades = {
-        names: pipeline.interpolate(folder, *["neutral"] * 2, 3, tmp_path / "-".join(names), views=names) for names in (views, views[:1], views[1:])
+        names: pipeline.interpolate(folder, *["neutral"] * 2, 3, tmp_path / "-".join(names), views=names)
+        for names in (views, views[:1], views[1:])
     }
-    moved, first, last = ([cv2.imread(str(fade / f"frame_00{step}.png")).astype(int) for step in range(3)] for fade in fades.values())
+    moved, first, last = (
+        [cv2.imread(str(fade / f"frame_00{step}.png")).astype(int) for step in range(3)] for fade in fades.values()
+    )
     assert (moved[0] == first[0]).all() and abs(moved[2] - last[2]).max() <= 1
     assert min(abs(moved[1] - end).mean() for end in (moved[0], moved[2])) > 1
     with pytest.raises(BadSetting, match="along 3 views"):
-        pipeline.interpolate(folder, "neutral", "neutral", 3, tmp_path / "none", views=("photo_0", "photo_1", "photo_2"))
+        pipeline.interpolate(
+            folder, "neutral", "neutral", 3, tmp_path / "none", views=("photo_0", "photo_1", "photo_2")
+        )
 
 
 def test_a_look_that_is_both_ends_is_found_once(trained, tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr(interpolating, "find_look", lambda live, word, **choices: asked.append(word) or find_look(live, word, **choices))
+    monkeypatch.setattr(
+        interpolating, "find_look", lambda live, word, **choices: asked.append(word) or find_look(live, word, **choices)
+    )
     output = pipeline.interpolate(trained[0], "photo_4.png", "photo_4.png", 2, tmp_path / "fade")
     assert asked == ["photo_4.png"] and len({(output / f"frame_00{step}.png").read_bytes() for step in range(2)}) == 1
 

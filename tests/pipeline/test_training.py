@@ -23,7 +23,13 @@ from tests.small import small_settings
 def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained):
     folder, heard = trained
     said = "\n".join(heard.lines)
-    for words in ("6 photos (4 train, 2 test)", "! photo_7.png was dropped", "48x36 px", "held-out PSNR", "Next: wegs bake"):
+    for words in (
+        "6 photos (4 train, 2 test)",
+        "! photo_7.png was dropped",
+        "48x36 px",
+        "held-out PSNR",
+        "Next: wegs bake",
+    ):
         assert words in said
     assert list(dict.fromkeys(done for done, total in heard.steps if total == STEPS)) == list(range(1, STEPS + 1))
     assert {"Photos", "Masks"} <= heard.finished
@@ -46,7 +52,10 @@ def test_ctrl_c_saves_the_step_and_the_run_is_resumed_as_if_nothing_had_happened
     heard = Heard()
     pipeline.resume(folder, heard)
     assert next(step for step in heard.steps if step[1] == STEPS) == (6, STEPS)
-    steps = [[line.split(",")[0] for line in (where / "history.csv").read_text().splitlines()] for where in (trained[0], folder)]
+    steps = [
+        [line.split(",")[0] for line in (where / "history.csv").read_text().splitlines()]
+        for where in (trained[0], folder)
+    ]
     assert steps[0] == steps[1]
     resumed = load_run(folder)
     for name, tensor in whole.splats.tensors().items():
@@ -64,7 +73,11 @@ def test_no_checkpoint_stays_in_memory_while_a_resumed_run_is_trained(small_scen
     with pytest.raises(KeyboardInterrupt):
         pipeline.train(small_scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5))
     alive = []
-    monkeypatch.setattr(training, "_train", lambda *_: alive.extend(one for one in gc.get_objects() if type(one) is checkpoint.Checkpoint))
+    monkeypatch.setattr(
+        training,
+        "_train",
+        lambda *_: alive.extend(one for one in gc.get_objects() if type(one) is checkpoint.Checkpoint),
+    )
     pipeline.resume(tmp_path / "run")
     assert alive == []
 
@@ -77,7 +90,15 @@ def test_a_run_killed_while_it_was_created_can_be_resumed(small_scene, tmp_path,
         pipeline.train(small_scene, small_settings(steps=STEPS), folder)
     assert [path.name for path in folder.iterdir()] == ["config.json"]
     pipeline.resume(folder)
-    files = {"cameras.json", "cfg_args", "checkpoint_000012.safetensors", "config.json", "history.csv", "input.ply", "preview.png"}
+    files = {
+        "cameras.json",
+        "cfg_args",
+        "checkpoint_000012.safetensors",
+        "config.json",
+        "history.csv",
+        "input.ply",
+        "preview.png",
+    }
     assert {path.name for path in folder.iterdir()} == files | {"masks", "point_cloud"}
 
 
@@ -90,7 +111,9 @@ def test_a_run_is_not_resumed_with_other_photos(small_scene, tmp_path, monkeypat
     monkeypatch.setattr(checkpoint, "newest", lambda folder: folder / "checkpoint")
     monkeypatch.setattr(checkpoint, "read_facts", lambda path: {"step": 1})
     monkeypatch.setattr(training, "Trainer", None)  # which decodes them all
-    with pytest.raises(BadInput, match="not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"):
+    with pytest.raises(
+        BadInput, match="not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"
+    ):
         pipeline.resume(folder)
 
 
@@ -112,7 +135,10 @@ def test_a_run_that_may_not_be_written_in_is_not_resumed(trained, tmp_path, monk
     shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
     monkeypatch.setattr("tempfile.mkdtemp", failing(DENIED))
     monkeypatch.setattr(training, "Trainer", None)  # which decodes the photos
-    with pytest.raises(BadInput, match="may not be written in: Permission denied. Make it writable, or copy the run and name the copy by -o"):
+    with pytest.raises(
+        BadInput,
+        match="may not be written in: Permission denied. Make it writable, or copy the run and name the copy by -o",
+    ):
         pipeline.resume(folder)
 
 
@@ -142,7 +168,10 @@ def test_nothing_is_written_when_training_is_refused(small_scene, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("changes, warned", [({"device": "auto"}, True), ({"device": "auto", "backend": "cpu"}, False), ({"device": "cpu"}, False)])
+@pytest.mark.parametrize(
+    "changes, warned",
+    [({"device": "auto"}, True), ({"device": "auto", "backend": "cpu"}, False), ({"device": "cpu"}, False)],
+)
 def test_the_user_is_told_why_a_gpu_is_not_used(small_scene, tmp_path, monkeypatch, changes, warned):
     class Read(Exception):
         """The scene is about to be read."""

@@ -1,4 +1,5 @@
-"""The backends as tests hold them: every one takes CPU tensors, and is skipped by name where this machine lacks what it needs."""
+"""The backends as tests hold them: every one takes CPU tensors,
+and is skipped by name where this machine lacks what it needs."""
 
 from collections.abc import Callable
 
@@ -18,7 +19,8 @@ TOO_LARGE = {"three_thousand_on_one_pixel", "many_tiles"}
 
 
 class Moving:
-    """A backend for tensors of another device than its own. there, back: move a tensor onto its device, and what it makes back."""
+    """A backend for tensors of another device than its own.
+    there, back: move a tensor onto its device, and what it makes back."""
 
     device = "any"
 
@@ -28,7 +30,9 @@ class Moving:
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         return Visible(self.back(self.rasterizer.visible(splats.map(self.there), camera).rows))
 
-    def render(self, splats: Splats, camera: Camera, background=BLACK, probe: Tensor | None = None, known=None) -> Tensor:
+    def render(
+        self, splats: Splats, camera: Camera, background=BLACK, probe: Tensor | None = None, known=None
+    ) -> Tensor:
         probe = None if probe is None else self.there(probe)
         return self.back(self.rasterizer.render(splats.map(self.there), camera, background, probe))
 
@@ -46,7 +50,8 @@ def is_interpreted(name: str) -> bool:
 
 
 def backend_or_skip(name: str, scene: str | None = None) -> Rasterizer:
-    """The backend `name`, or a skip that says what this machine lacks; scene: of SCENES, that is to be drawn with it."""
+    """The backend `name`, or a skip that says what this machine lacks; scene:
+    of SCENES, that is to be drawn with it."""
     try:
         backend = create(name, "cuda" if name in ON_GPU and not is_interpreted(name) else "cpu")
     except BadSetting as missing:

@@ -1,8 +1,9 @@
-"""Compile every CUDA kernel for GPUs that are not here, and print what each takes: python -m tests.rasterizer.compiled_kernels 75 90
+"""Compile every CUDA kernel for GPUs that are not here, and print what each takes:
+python -m tests.rasterizer.compiled_kernels 75 90
 
-A program of its own, because Triton decides when it is imported whether kernels are compiled or interpreted. Prints JSON:
-{"sm_75": {kernel: {"registers": a thread, "spilled": bytes stored and loaded again}}}, in SH degree 3, the most there is, unless the name says
-otherwise, as "blend_forward RECORD=True" does.
+A program of its own, because Triton decides when it is imported whether kernels are compiled or interpreted. Prints
+JSON: {"sm_75": {kernel: {"registers": a thread, "spilled": bytes stored and loaded again}}}, in SH degree 3, the most
+there is, unless the name says otherwise, as "blend_forward RECORD=True" does.
 """
 
 import contextlib
@@ -51,7 +52,8 @@ KERNELS = [  # with the options that they are launched with, and what differs fr
 TYPES = {
     **dict.fromkeys(("count", "sections", "columns", "width", "height", "size", "solid"), "i32"),
     **dict.fromkeys(("background_red", "background_green", "background_blue", "ssim_weight", "weight"), "fp32"),
-    **dict.fromkeys(("sources", "copies", "values", "first", "second", "gradients"), ("*fp32",) * 6),  # of each parameter
+    # Of each parameter.
+    **dict.fromkeys(("sources", "copies", "values", "first", "second", "gradients"), ("*fp32",) * 6),
     **dict.fromkeys(("order", "slot_starts", "tile_starts", "part_ends", "entry_slots", "rows", "shown"), "*i64"),
     **dict.fromkeys(("tile_counts", "owners", "entry_splats", "counts", "visible"), "*i32"),
     "slot_tiles": "*i16",
@@ -78,14 +80,20 @@ def name_of(kernel, changes: dict) -> str:
 def compiled(kernel, options: dict, changes: dict, capability: int) -> dict[str, int]:
     """What ptxas says of a kernel. changes: of CONSTANTS."""
     block = getattr(sys.modules[kernel.fn.__module__], "BLOCK", None)
-    constants = {name: value for name, value in {**CONSTANTS, **changes, "BLOCK": block}.items() if name in kernel.arg_names}
+    constants = {
+        name: value for name, value in {**CONSTANTS, **changes, "BLOCK": block}.items() if name in kernel.arg_names
+    }
     signature = {name: "constexpr" if name in constants else TYPES.get(name, "*fp32") for name in kernel.arg_names}
     target = GPUTarget("cuda", capability, 32)
     arrays = [(place,) for place, name in enumerate(kernel.arg_names) if str(signature[name]).startswith("*")]
     arrays += [
-        (place, each) for place, name in enumerate(kernel.arg_names) if isinstance(signature[name], tuple) for each in range(len(signature[name]))
+        (place, each)
+        for place, name in enumerate(kernel.arg_names)
+        if isinstance(signature[name], tuple)
+        for each in range(len(signature[name]))
     ]
-    aligned = {array: [["tt.divisibility", 16]] for array in arrays}  # bytes: torch's arrays begin so, and a launch looks
+    # Bytes: torch's arrays begin so, and a launch looks.
+    aligned = {array: [["tt.divisibility", 16]] for array in arrays}
     with contextlib.redirect_stdout(io.StringIO()) as log:
         triton.compile(ASTSource(kernel, signature, constants, aligned), target=target, options=options)
     registers = re.search(r"Used (\d+) registers", log.getvalue())
@@ -97,7 +105,10 @@ if __name__ == "__main__":
     triton.knobs.compilation.always_compile = True  # what comes out of Triton's cache has no log
     triton.knobs.nvidia.dump_ptxas_log = True
     found = {
-        f"sm_{capability}": {name_of(kernel, changes): compiled(kernel, options, changes, capability) for kernel, options, changes in KERNELS}
+        f"sm_{capability}": {
+            name_of(kernel, changes): compiled(kernel, options, changes, capability)
+            for kernel, options, changes in KERNELS
+        }
         for capability in map(int, sys.argv[1:])
     }
     print(json.dumps(found))

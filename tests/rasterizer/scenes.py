@@ -72,7 +72,9 @@ def cloud(
     return in_world(view, local, random.normal(size=(count, 4)), np.log(axes), np.log(opacity / (1 - opacity)), sh)
 
 
-def in_world(view: Camera, local, quaternions, log_scales, logit_opacities, sh, dtype: torch.dtype = torch.float32) -> Splats:
+def in_world(
+    view: Camera, local, quaternions, log_scales, logit_opacities, sh, dtype: torch.dtype = torch.float32
+) -> Splats:
     """Splats from arrays; `local` (N, 3) holds the means in camera axes."""
     means = np.asarray(local) @ view.world_to_camera + view.centre
     arrays = means, quaternions, log_scales, logit_opacities, sh
@@ -106,7 +108,8 @@ def random_degree_3() -> Scene:
 
 @scene
 def needles() -> Scene:
-    """Axis ratios up to a million, up to sixty pictures long: differences of products, as in the 2D covariance's determinant, would be noise."""
+    """Axis ratios up to a million, up to sixty pictures long:
+    differences of products, as in the 2D covariance's determinant, would be noise."""
     view = camera()
     splats = cloud(view, 40, seed=10, sizes_px=(3.0, 3000.0))
     splats.log_scales[:, 1:] = splats.log_scales[:, :1] - torch.linspace(0, 1, 40)[:, None] * np.log(1e6)

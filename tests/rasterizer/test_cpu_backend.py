@@ -49,7 +49,10 @@ def test_reusing_what_visible_found_changes_no_bit_in_any_look(scene):
     blank[::3, 0, 0], blank[1::3, 2, 1] = float("nan"), float("inf")
     for sh in (seen.sh, -seen.sh, blank, seen.sh):  # drawn once or often, what is known stays as it was
         look = seen.with_sh(sh)
-        assert all(torch.equal(a, b) for a, b in zip(results(look, view), results(look, view, known=visible.known), strict=True))
+        assert all(
+            torch.equal(a, b)
+            for a, b in zip(results(look, view), results(look, view, known=visible.known), strict=True)
+        )
         assert torch.equal(rasterizer.contributions(look, view), rasterizer.contributions(look, view, visible.known))
 
 

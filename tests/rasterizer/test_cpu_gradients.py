@@ -53,7 +53,9 @@ def test_the_gradient_of_the_ellipse_is_that_of_finite_differences(beside):
     for column, terms in ((SUM_G, 1), (SUM_GE, e), (SUM_GEE, e**2), (SUM_GY, dy), (SUM_GEY, e * dy), (SUM_GYY, dy**2)):
         sums[column] = np.sum(weights * terms)
     to_quaternion, to_log_scales, to_probe = np.zeros((1, 4)), np.zeros((1, 3)), np.zeros((1, 2))
-    to_offset = ellipse_backward(0, tuple(offset), quaternion, log_scales, *seen, sums, to_quaternion, to_log_scales, to_probe)
+    to_offset = ellipse_backward(
+        0, tuple(offset), quaternion, log_scales, *seen, sums, to_quaternion, to_log_scales, to_probe
+    )
     pairs = [
         (to_offset, differences(lambda moved: loss(moved, quaternion, log_scales), offset)),
         (to_quaternion, differences(lambda moved: loss(offset, moved, log_scales), quaternion)),
@@ -77,7 +79,9 @@ def test_harmonics(coefficients):
         return basis[:coefficients].copy()
 
     degree = int(np.sqrt(coefficients)) - 1
-    np.testing.assert_allclose(evaluated(direction), torch_basis(torch.from_numpy(direction)[None], degree)[0], rtol=1e-14)
+    np.testing.assert_allclose(
+        evaluated(direction), torch_basis(torch.from_numpy(direction)[None], degree)[0], rtol=1e-14
+    )
     assert np.isnan(basis[coefficients:]).all(), "work beyond the degree"
     expected = differences(lambda moved: evaluated(moved) @ to_basis[:coefficients], direction)
     gradient = direction_gradient(to_basis, tuple(direction), coefficients)
@@ -89,7 +93,9 @@ def test_the_gradient_of_blending_is_that_of_finite_differences():
     view = camera(20, 20)
     # Two splats that cover the picture with alphas away from both thresholds, so that the picture is smooth.
     local, log_scales = np.array([[0.05, 0.0, 2.0], [-0.1, 0.05, 3.0]]), np.log([[0.5, 0.7, 0.6], [0.9, 0.6, 0.5]])
-    splats = in_world(view, local, [[1, 0.2, 0, 0.1], [0.9, 0, 0.3, 0]], log_scales, [0.0, 1.0], np.full((2, 1, 3), 0.7))
+    splats = in_world(
+        view, local, [[1, 0.2, 0, 0.1], [0.9, 0, 0.3, 0]], log_scales, [0.0, 1.0], np.full((2, 1, 3), 0.7)
+    )
     cotangent = torch.randn(20, 20, 3, generator=torch.Generator().manual_seed(5))
     rasterizer = backend.CpuRasterizer()
 
@@ -111,4 +117,6 @@ def test_the_gradient_of_blending_is_that_of_finite_differences():
                 shifted = moved.pop("probe")
                 sides.append(loss(type(splats)(**moved), shifted).item())
             expected = (sides[0] - sides[1]) / (2 * step)
-            assert gradients[name][index].item() == pytest.approx(expected, abs=2e-3 * gradients[name].abs().max().item())
+            assert gradients[name][index].item() == pytest.approx(
+                expected, abs=2e-3 * gradients[name].abs().max().item()
+            )

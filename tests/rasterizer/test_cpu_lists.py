@@ -37,7 +37,8 @@ def alphas_of(footprints, x, y):
 def check_tiles(view, footprints, drawn, tile_starts, gaussians):
     """Every tile lists all splats that reach a pixel in it, and few others.
 
-    footprints: of all splats, which of them are `drawn`. tile_starts: where each tile's list begins, and the end. gaussians: of the entries.
+    footprints: of all splats, which of them are `drawn`. tile_starts: where each tile's list begins, and the end.
+    gaussians: of the entries.
     """
     y, x = (grid.ravel() for grid in np.mgrid[: view.height, : view.width])
     alphas = alphas_of(footprints[drawn], x + 0.5, y + 0.5)
@@ -57,7 +58,9 @@ def check_tiles(view, footprints, drawn, tile_starts, gaussians):
 def test_tiles_hold_all_pixels_that_a_splat_reaches_and_few_others():
     splats, view = scene()
     lists = lists_of(splats, view)
-    check_tiles(view, lists.footprints, np.flatnonzero(np.diff(lists.slot_starts)), lists.tile_starts, lists.entries[:, SPLAT])
+    check_tiles(
+        view, lists.footprints, np.flatnonzero(np.diff(lists.slot_starts)), lists.tile_starts, lists.entries[:, SPLAT]
+    )
 
 
 @njit

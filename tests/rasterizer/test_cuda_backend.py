@@ -1,4 +1,5 @@
-"""The CUDA backend as a citizen of torch: lists, autograd, memory layouts, refusals. On a GPU, or by Triton's interpreter."""
+"""The CUDA backend as a citizen of torch: lists, autograd, memory layouts, refusals.
+On a GPU, or by Triton's interpreter."""
 
 import sys
 from functools import partial
@@ -52,7 +53,10 @@ def listed():
 def test_tiles_hold_all_pixels_that_a_splat_reaches_and_few_others(listed):
     _, view, prepared = listed
     lists, drawn = prepared.lists, torch.nonzero(prepared.tile_counts).flatten()
-    check_tiles(view, *(tensor.numpy(force=True) for tensor in (prepared.footprints, drawn, lists.tile_starts, lists.entry_splats)))
+    check_tiles(
+        view,
+        *(tensor.numpy(force=True) for tensor in (prepared.footprints, drawn, lists.tile_starts, lists.entry_splats)),
+    )
 
 
 def test_lists_are_front_to_back_and_slots_belong_to_their_gaussians(listed):
@@ -110,7 +114,8 @@ def test_a_small_picture_whose_tiles_are_divided_is_the_same(monkeypatch):
         monkeypatch.setattr(backend, "PROGRAMS", programs)
         divided, *others = results(splats, view=view)
         assert torch.equal(image, divided)
-        for gradient, other in zip(gradients, others, strict=True):  # what lies behind a section is a difference of sums, and not one less another
+        # What lies behind a section is a difference of sums, and not one less another.
+        for gradient, other in zip(gradients, others, strict=True):
             torch.testing.assert_close(other, gradient, rtol=1e-4, atol=1e-6 * float(gradient.abs().max()))
 
 
@@ -126,7 +131,8 @@ def test_more_room_than_a_view_needs_changes_nothing(splats):
     image = rasterizer.render(seen, VIEW, background, None, within.known)
     assert torch.equal(image[: VIEW.height, : VIEW.width], rasterizer.render(splats, VIEW, background))
     beyond = torch.ones(image.shape[:2], dtype=torch.bool, device=DEVICE)
-    beyond[: -(-VIEW.height // TILE) * TILE, : -(-VIEW.width // TILE) * TILE] = False  # tiles at the rim may show what sticks out
+    # Tiles at the rim may show what sticks out.
+    beyond[: -(-VIEW.height // TILE) * TILE, : -(-VIEW.width // TILE) * TILE] = False
     assert (image[beyond] == torch.tensor(background, device=DEVICE)).all()
 
 
@@ -185,11 +191,16 @@ def test_lists_beyond_the_memory_budget_are_refused(monkeypatch, splats):
 @pytest.mark.parametrize("degree, most", [(3, 2**31 // 48), (0, 2**31 // 12)])
 def test_more_gaussians_than_kernels_can_count_are_refused_by_every_method(degree, most):
     """Of degree 0 the footprints are the largest array. All Gaussians are one in memory."""
-    rasterizer, one = backend.CudaRasterizer(), cloud(VIEW, 1, seed=50, degree=degree).map(lambda tensor: tensor.to(DEVICE))
+    rasterizer, one = (
+        backend.CudaRasterizer(),
+        cloud(VIEW, 1, seed=50, degree=degree).map(lambda tensor: tensor.to(DEVICE)),
+    )
     splats = one.map(lambda tensor: tensor.expand(most + 1, *tensor.shape[1:]))
     shares = partial(rasterizer.shares, weight=torch.ones(17, 20, device=DEVICE))
     for use in (rasterizer.visible, rasterizer.render, rasterizer.contributions, shares):
-        with pytest.raises(BadInput, match=rf"{most + 1} Gaussians of SH degree {degree} are more than .*--max-gaussians"):
+        with pytest.raises(
+            BadInput, match=rf"{most + 1} Gaussians of SH degree {degree} are more than .*--max-gaussians"
+        ):
             use(splats, VIEW)
 
 

@@ -109,7 +109,8 @@ def test_what_is_culled_has_no_gradient(backend, name):
 
 @pytest.mark.parametrize("name", ["random_degree_3", "three_thousand_on_one_pixel", "wide_splats_beside_the_picture"])
 def test_threads_change_nothing(backend, name):
-    """Bit for bit, pictures and gradients. On a GPU, where threads run in no order at all, it is enough to ask again."""
+    """Bit for bit, pictures and gradients. On a GPU, where threads run in no order at all,
+    it is enough to ask again."""
     if is_interpreted(backend.name):
         pytest.skip("Triton's interpreter runs one program after the other.")
     judge = verdict(SCENES[name])

@@ -24,9 +24,12 @@ print(*(hashlib.sha256(part.grad.numpy()).hexdigest() for part in parts))
 
 
 def test_gradients_are_the_same_bit_for_bit(tmp_path):
-    """Where the parts of a kernel had code of their own, it was called while the kernel was fresh, and rounded otherwise than
-    what was kept with the kernel in the cache."""
+    """Where the parts of a kernel had code of their own, it was called while the kernel was fresh, and rounded
+    otherwise than what was kept with the kernel in the cache."""
     command, environment = [sys.executable, "-c", DRAW], os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    compiled, kept = (subprocess.run(command, env=environment, cwd=ROOT, check=True, capture_output=True, text=True).stdout for _ in range(2))
+    compiled, kept = (
+        subprocess.run(command, env=environment, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+        for _ in range(2)
+    )
     assert list(tmp_path.rglob("*.nbc"))
     assert compiled == kept

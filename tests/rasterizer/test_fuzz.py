@@ -16,7 +16,22 @@ from tests.rasterizer.backends import backend_or_skip, is_interpreted
 from tests.rasterizer.scenes import camera, cloud
 
 COUNT = 12
-POISON = [float("nan"), float("inf"), float("-inf"), 0.0, -0.0, 1e-45, -1e-38, 1e-6, 88.0, -104.0, 1e6, -1e12, 1e30, 3e38]
+POISON = [
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+    0.0,
+    -0.0,
+    1e-45,
+    -1e-38,
+    1e-6,
+    88.0,
+    -104.0,
+    1e6,
+    -1e12,
+    1e30,
+    3e38,
+]
 few = settings(max_examples=40, derandomize=True, deadline=None, database=None)
 poisons = st.lists(
     st.tuples(
@@ -31,7 +46,9 @@ focal_lengths = st.sampled_from([1e-3, 1.0, 40.0, 3e6])
 places = st.sampled_from([-1e6, -3.0, 8.0, 1e6])
 ordinary = camera(17, 9)
 cameras = st.just(ordinary) | st.builds(
-    lambda width, height, fx, fy, cx, cy, x: camera(width, height, fx=fx, fy=fy, cx=cx, cy=cy, centre=np.array([x, -0.25, 1.0])),
+    lambda width, height, fx, fy, cx, cy, x: camera(
+        width, height, fx=fx, fy=fy, cx=cx, cy=cy, centre=np.array([x, -0.25, 1.0])
+    ),
     st.integers(1, 35),
     st.integers(1, 20),
     focal_lengths,
@@ -98,7 +115,8 @@ def test_a_colour_beyond_float32_is_not_drawn(name):
     """Of finite coefficients; and nothing of the others is changed by it."""
     rasterizer, view = backend_or_skip(name), camera(16, 9)
     splats = cloud(view, COUNT, seed=31, degree=1, sizes_px=(2.0, 5.0))
-    most = torch.finfo(torch.float32).max * torch.tensor([1.0, -1.0, 1.0, -1.0])  # the signs of the basis where the camera looks
+    # The signs of the basis where the camera looks.
+    most = torch.finfo(torch.float32).max * torch.tensor([1.0, -1.0, 1.0, -1.0])
     middle = torch.from_numpy(view.centre + 2 * view.world_to_camera[2]).float()
     glaring = replace(splats[:1], means=middle[None], sh=most[None, :, None].expand(1, 4, 3))
     drawn = rasterizer.render(Splats.concatenate([glaring, splats]), view)

@@ -193,7 +193,9 @@ def test_weights_and_what_is_left_sum_to_one():
 
 def test_equal_depths_are_drawn_by_index():
     view = camera(5, 5, turned=False, cx=2.5, cy=2.5)
-    splats = double(in_world(view, [[0, 0, 2.0]] * 2, [[1, 0, 0, 0]] * 2, [[0.0] * 3] * 2, [0.0] * 2, np.zeros((2, 1, 3))))
+    splats = double(
+        in_world(view, [[0, 0, 2.0]] * 2, [[1, 0, 0, 0]] * 2, [[0.0] * 3] * 2, [0.0] * 2, np.zeros((2, 1, 3)))
+    )
     splats.sh[0, 0], splats.sh[1, 0] = 1.0, -1.0
     middle = create("reference").render(splats, view)[2, 2, 0].item()
     first, second = 0.5 + SH_0, 0.5 - SH_0
@@ -285,7 +287,9 @@ def test_every_stage_passes_gradcheck():
         (lambda *values: coverage(pixels, *values), flat),
         (lambda *values: blend_weights(pixels, *values), flat),
     ):
-        assert torch.autograd.gradcheck(stage, [tensor.clone().requires_grad_() for tensor in inputs], atol=1e-6, rtol=1e-5)
+        assert torch.autograd.gradcheck(
+            stage, [tensor.clone().requires_grad_() for tensor in inputs], atol=1e-6, rtol=1e-5
+        )
 
 
 def test_clamped_alpha_has_no_gradient():

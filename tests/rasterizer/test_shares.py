@@ -1,4 +1,5 @@
-"""A picture's cells as a linear map of colours: every backend against the reference, and the reference against its own picture."""
+"""A picture's cells as a linear map of colours:
+every backend against the reference, and the reference against its own picture."""
 
 import pytest
 import torch
@@ -13,7 +14,17 @@ from tests.rasterizer.backends import FAST_BACKENDS, backend_or_skip
 from tests.rasterizer.scenes import SCENES
 from tests.rasterizer.tolerances import PICTURE, verdict
 
-NAMES = ("random_degree_3", "opaque_stack", "huge_splat", "picture_1x40", "picture_40x1", "picture_33x17", "poisoned", "nothing_visible", "empty")
+NAMES = (
+    "random_degree_3",
+    "opaque_stack",
+    "huge_splat",
+    "picture_1x40",
+    "picture_40x1",
+    "picture_33x17",
+    "poisoned",
+    "nothing_visible",
+    "empty",
+)
 
 
 def weight_of(judge) -> torch.Tensor:
@@ -22,7 +33,9 @@ def weight_of(judge) -> torch.Tensor:
 
 
 def dense(shares: Shares) -> torch.Tensor:
-    return torch.zeros(shares.size, dtype=shares.values.dtype).index_put((shares.cells, shares.gaussians), shares.values)
+    return torch.zeros(shares.size, dtype=shares.values.dtype).index_put(
+        (shares.cells, shares.gaussians), shares.values
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -42,7 +55,9 @@ def test_cells_show_what_the_picture_shows_in_them(name):
 def test_every_backend_finds_the_shares_of_the_reference(backend, name):
     judge = verdict(SCENES[name])
     weight = weight_of(judge)
-    expected = create("reference").shares(judge.scene.splats.map(torch.Tensor.double), judge.scene.camera, weight.double())
+    expected = create("reference").shares(
+        judge.scene.splats.map(torch.Tensor.double), judge.scene.camera, weight.double()
+    )
     shares = backend_or_skip(backend, name).shares(judge.scene.splats, judge.scene.camera, weight)
     error = (dense(shares).double() - dense(expected)).abs()
     assert shares.size == expected.size and (error <= PICTURE * cell_sums(weight[..., None])).all()
@@ -52,7 +67,12 @@ def test_cells_are_numbered_row_by_row_and_cut_off_at_the_edge():
     camera = SCENES["picture_33x17"]().camera
     cells = cell_of_pixels(camera, torch.device("cpu"))
     across = -(-camera.width // CELL_PX)
-    assert cells[0, 0] == 0 and cells[0, CELL_PX] == 1 and cells[CELL_PX, 0] == across and cells.shape == (camera.height, camera.width)
+    assert (
+        cells[0, 0] == 0
+        and cells[0, CELL_PX] == 1
+        and cells[CELL_PX, 0] == across
+        and cells.shape == (camera.height, camera.width)
+    )
     counts = cell_sums(torch.ones(camera.height, camera.width, 1))[:, 0]
     assert torch.equal(counts, torch.bincount(cells.flatten()).float()) and counts[0] == CELL_PX**2 > counts[-1] > 0
 

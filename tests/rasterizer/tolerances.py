@@ -88,7 +88,12 @@ def steady_pixels(scene: Scene) -> Tensor:
     """(height, width) bool: the pixels where no splat is within the scene's margin of a threshold, in float64."""
     camera, splats = scene.camera, scene.splats.map(torch.Tensor.double)
     rows, seen = projected(splats, camera)
-    raw = torch.cat([coverage(pixels, seen.centres, seen.conics, seen.opacities) for pixels in pixel_chunks(camera, len(rows), seen.centres)])
+    raw = torch.cat(
+        [
+            coverage(pixels, seen.centres, seen.conics, seen.opacities)
+            for pixels in pixel_chunks(camera, len(rows), seen.centres)
+        ]
+    )
     alphas = torch.where(raw < ALPHA_MIN, 0, raw).clamp_max(ALPHA_MAX)
     behind = torch.cumprod(1 - alphas, dim=1)
     before = torch.cat([torch.ones_like(behind[:, :1]), behind[:, :-1]], dim=1)

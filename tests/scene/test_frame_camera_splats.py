@@ -165,7 +165,9 @@ def test_splats_in_world_units_are_undone():
     torch.testing.assert_close(world.in_scene(frame).means, before.means, rtol=0, atol=2e-6)
     torch.testing.assert_close(world.in_scene(frame).log_scales, before.log_scales, rtol=0, atol=1e-6)
     torch.testing.assert_close(world.log_scales.exp(), before.log_scales.exp() * 7, rtol=1e-5, atol=0)
-    torch.testing.assert_close(world.means[0].double(), torch.from_numpy(frame.to_world(before.means[0].numpy())).float().double())
+    torch.testing.assert_close(
+        world.means[0].double(), torch.from_numpy(frame.to_world(before.means[0].numpy())).float().double()
+    )
     assert world.quaternions is before.quaternions and world.sh is before.sh
 
 

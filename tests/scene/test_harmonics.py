@@ -16,7 +16,9 @@ def directions_and_weights(order: int) -> tuple[torch.Tensor, torch.Tensor]:
     z, z_weights = np.polynomial.legendre.leggauss(order)
     angle = 2 * math.pi * np.arange(2 * order) / (2 * order)
     ring = np.sqrt(1 - z**2)[:, None]
-    points = np.stack([ring * np.cos(angle), ring * np.sin(angle), np.broadcast_to(z[:, None], (order, 2 * order))], axis=-1)
+    points = np.stack(
+        [ring * np.cos(angle), ring * np.sin(angle), np.broadcast_to(z[:, None], (order, 2 * order))], axis=-1
+    )
     weights = np.broadcast_to(z_weights[:, None] * math.pi / order, (order, 2 * order))
     return torch.from_numpy(points.reshape(-1, 3)), torch.from_numpy(weights.reshape(-1).copy())
 

@@ -55,13 +55,19 @@ def test_a_file_that_cannot_be_read_meanwhile_is_not_taken_for_the_output(tmp_pa
 
 def test_a_copy_that_the_system_refuses_is_of_the_output(tmp_path):
     """Its error names the source first."""
-    with pytest.raises(BadInput, match="out could not be written: File too large"), atomic.replacing_folder(tmp_path / "out") as work:
+    with (
+        pytest.raises(BadInput, match="out could not be written: File too large"),
+        atomic.replacing_folder(tmp_path / "out") as work,
+    ):
         raise OSError(errno.EFBIG, "File too large", "photo.jpg", None, str(work / "copy.jpg"))
 
 
 @pytest.mark.parametrize("name", ["a.json", "scene/a.json"])
 def test_a_full_disk_names_the_output_and_no_temporary_folder(tmp_path, name):
-    with pytest.raises(DiskFull, match=f"The disk is full: {tmp_path / 'out'} was not written"), atomic.replacing_folder(tmp_path / "out") as work:
+    with (
+        pytest.raises(DiskFull, match=f"The disk is full: {tmp_path / 'out'} was not written"),
+        atomic.replacing_folder(tmp_path / "out") as work,
+    ):
         raise disk_full(work / name)
     elsewhere = DiskFull("The disk is full: temporary files could not be written in /tmp.", "Set TMPDIR.")
     with pytest.raises(DiskFull, match="Set TMPDIR"), atomic.replacing_folder(tmp_path / "out"):
@@ -127,7 +133,10 @@ def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_pa
 
     killed, other, foreign = old(".fade.wegs-1"), old(".sheet.wegs-1"), old(".fade.mine")
     (tmp_path / ".fade.wegs-2").mkdir()  # of a process that is about to hold it
-    with pytest.raises(BadInput, match="fade exists and is not empty. Add --force"), filling(tmp_path / "fade", ("*.png",), False) as first:
+    with (
+        pytest.raises(BadInput, match="fade exists and is not empty. Add --force"),
+        filling(tmp_path / "fade", ("*.png",), False) as first,
+    ):
         (first / "a.png").write_text("late")
         assert not killed.exists() and other.exists() and foreign.exists()
         os.utime(first, (1e9, 1e9))
@@ -174,14 +183,24 @@ def test_a_folder_of_many_files_is_listed_once_for_each_that_is_written(tmp_path
 
 
 def test_a_missing_temporary_folder_is_reported(monkeypatch):
-    monkeypatch.setattr(atomic.tempfile, "gettempdir", failing(FileNotFoundError(2, "No usable temporary directory found")))
-    with pytest.raises(WegsError, match="no folder for temporary files that can be written in. Free some space, or set TMPDIR"), atomic.scratch("a"):
+    monkeypatch.setattr(
+        atomic.tempfile, "gettempdir", failing(FileNotFoundError(2, "No usable temporary directory found"))
+    )
+    with (
+        pytest.raises(
+            WegsError, match="no folder for temporary files that can be written in. Free some space, or set TMPDIR"
+        ),
+        atomic.scratch("a"),
+    ):
         pass
 
 
 def test_temporary_files_without_room_say_where_others_may_be(tmp_path, monkeypatch):
     monkeypatch.setattr(atomic.tempfile, "gettempdir", lambda: str(tmp_path))
-    with pytest.raises(WegsError, match=f"could not be written in {tmp_path}. Free some space, or set TMPDIR"), atomic.scratch("a") as work:
+    with (
+        pytest.raises(WegsError, match=f"could not be written in {tmp_path}. Free some space, or set TMPDIR"),
+        atomic.scratch("a") as work,
+    ):
         raise OSError(errno.ENOSPC, "full", str(work / "a"))
     with pytest.raises(OSError), atomic.scratch("a"):  # of a log
         raise OSError(errno.ENOSPC, "full")

@@ -62,7 +62,8 @@ def test_work_that_fails_while_it_is_recorded_says_why_and_later_work_goes_on():
 
 
 def test_streams_beside_come_back_from_work_that_fails_before_its_recording_ends(monkeypatch):
-    """By CUDA's rules: what waits for a stream of a recording is in it from then on, and has to be waited for before the recording may end."""
+    """By CUDA's rules: what waits for a stream of a recording is in it from then on,
+    and has to be waited for before the recording may end."""
     recording, away, ended = set(), set(), []
 
     class Stream:
@@ -83,7 +84,12 @@ def test_streams_beside_come_back_from_work_that_fails_before_its_recording_ends
         def capture_end(self):
             ended.append(not away)
 
-    for name, fake in {"Stream": Stream, "CUDAGraph": Graph, "empty_cache": lambda: None, "stream": lambda _: nullcontext()}.items():
+    for name, fake in {
+        "Stream": Stream,
+        "CUDAGraph": Graph,
+        "empty_cache": lambda: None,
+        "stream": lambda _: nullcontext(),
+    }.items():
         monkeypatch.setattr(torch.cuda, name, fake)
     recorder = Recorder()
     monkeypatch.setattr(torch.cuda, "current_stream", lambda: recorder.stream)

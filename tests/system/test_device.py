@@ -52,7 +52,8 @@ def test_a_gpu_that_fails_when_first_used_is_none(machine):
 
 @pytest.fixture
 def first_use(monkeypatch):
-    """The fault of the first use of a GPU, tried anew: of torch and of Triton's driver, if any. Without a fault, nothing is found."""
+    """The fault of the first use of a GPU, tried anew: of torch and of Triton's driver, if any.
+    Without a fault, nothing is found."""
 
     class Driver:
         active = property(lambda self: self.fails())
@@ -88,8 +89,12 @@ def test_the_reason_why_triton_cannot_be_used_is_given_with_what_it_needs(first_
 
 
 def test_a_gpu_too_old_for_torch_is_reported_and_a_full_one_is_not_called_so(first_use):
-    fault = first_use(torch_fails=RuntimeError("CUDA error: no kernel image is available for execution on the device\nSearch for ..."))
-    assert fault.startswith("torch cannot compute on this GPU (CUDA error: no kernel image is available for execution on the device), ")
+    fault = first_use(
+        torch_fails=RuntimeError("CUDA error: no kernel image is available for execution on the device\nSearch for ...")
+    )
+    assert fault.startswith(
+        "torch cannot compute on this GPU (CUDA error: no kernel image is available for execution on the device), "
+    )
     with pytest.raises(torch.OutOfMemoryError):
         first_use(torch_fails=torch.OutOfMemoryError("CUDA out of memory."))
 
@@ -122,7 +127,9 @@ def test_a_run_begun_on_a_cpu_stays_there_when_a_gpu_appears(machine, tmp_path):
 def test_a_run_of_a_gpu_does_not_go_on_where_none_can_be_used(machine, tmp_path, gpu):
     run_folders.create(tmp_path / "run", small_collection(tmp_path), small_settings(device="cuda"))
     machine(gpu=gpu, triton=False)
-    with pytest.raises(BadInput, match="begun on a GPU, and none can be used here. Go on with it on a machine that has one"):
+    with pytest.raises(
+        BadInput, match="begun on a GPU, and none can be used here. Go on with it on a machine that has one"
+    ):
         resume(tmp_path / "run")
 
 

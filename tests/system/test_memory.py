@@ -43,7 +43,9 @@ def soft_limit_put_back():
 
 def test_no_more_memory_is_taken_than_allowed():
     allowed = 1.5 if torch.version.cuda is None else 2.5  # GiB: the CUDA build claims much that it does not touch
-    result = subprocess.run([sys.executable, "-c", TAKE, str(allowed)], cwd=ROOT, capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", TAKE, str(allowed)], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     line, peak = result.stdout.splitlines()
     assert "not enough memory" in line
     assert 800_000 < int(peak) <= allowed * (1 << 20)  # kB: more than torch itself, and no more than allowed

@@ -30,9 +30,14 @@ def test_where_nothing_can_be_written_is_known_before_the_work(tmp_path, monkeyp
 
 @pytest.mark.parametrize(
     ("refusal", "error", "words"),
-    [(errno.EACCES, BadInput, "{} may not be written in: Permission denied"), (errno.ENOSPC, DiskFull, "The disk is full: {}")],
+    [
+        (errno.EACCES, BadInput, "{} may not be written in: Permission denied"),
+        (errno.ENOSPC, DiskFull, "The disk is full: {}"),
+    ],
 )
-def test_a_folder_that_the_system_refuses_to_write_in_is_known_before_the_work(tmp_path, monkeypatch, refusal, error, words):
+def test_a_folder_that_the_system_refuses_to_write_in_is_known_before_the_work(
+    tmp_path, monkeypatch, refusal, error, words
+):
     monkeypatch.setattr(tempfile, "mkdtemp", failing(OSError(refusal, os.strerror(refusal))))
     for check, path in ((check_file, tmp_path / "a.ply"), (check_folder, tmp_path / "none" / "none")):
         with pytest.raises(error, match=words.format(tmp_path)):

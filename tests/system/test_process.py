@@ -1,4 +1,5 @@
-"""What a process is told before torch is loaded: with glibc, memory that was freed is at hand again; what the user set stays; who waits for the interpreter."""
+"""What a process is told before torch is loaded: with glibc, memory that was freed is at hand again;
+what the user set stays; who waits for the interpreter."""
 
 import os
 import platform
@@ -29,7 +30,9 @@ print(before, page_faults())
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is told")
 def test_freed_memory_is_not_asked_for_again():
-    before, now = map(float, subprocess.run([sys.executable, "-c", STEPS], capture_output=True, text=True, check=True).stdout.split())
+    before, now = map(
+        float, subprocess.run([sys.executable, "-c", STEPS], capture_output=True, text=True, check=True).stdout.split()
+    )
     assert before > 1000
     assert now < 10
 
@@ -37,14 +40,21 @@ def test_freed_memory_is_not_asked_for_again():
 @pytest.mark.parametrize("given", [None, "active"])
 def test_threads_wait_without_spinning_unless_the_user_wants_it(given):
     program = "import os; from core.system.process import prepare; prepare(); print(os.environ['OMP_WAIT_POLICY'])"
-    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"} | ({"OMP_WAIT_POLICY": given} if given else {})
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment).stdout
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"} | (
+        {"OMP_WAIT_POLICY": given} if given else {}
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment
+    ).stdout
     assert told.strip() == (given or "passive")
 
 
 def test_torch_is_not_loaded():
     program = "import sys; from core.system.process import prepare; prepare(); print('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip() == "False"
+    assert (
+        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
+        == "False"
+    )
 
 
 WAITS = """
@@ -73,7 +83,10 @@ print(before, now)
 
 def test_a_thread_beside_python_code_does_not_wait_long_for_the_interpreter():
     for _ in range(5):  # where all cores are busy, the other thread may not run at all, and nobody waits for it
-        before, now = map(float, subprocess.run([sys.executable, "-c", WAITS], capture_output=True, text=True, check=True).stdout.split())
+        before, now = map(
+            float,
+            subprocess.run([sys.executable, "-c", WAITS], capture_output=True, text=True, check=True).stdout.split(),
+        )
         if before > 4e-3:
             break
     assert before > 4e-3

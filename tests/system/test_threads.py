@@ -1,5 +1,5 @@
-"""Blocks on threads and work beside: every row once, exceptions come out, nobody waits for a busy thread, torch's own setting is
-put back."""
+"""Blocks on threads and work beside: every row once, exceptions come out, nobody waits for a busy thread,
+torch's own setting is put back."""
 
 import os
 import threading

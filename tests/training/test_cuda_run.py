@@ -11,7 +11,13 @@ pytest.importorskip("triton", reason="Triton is not installed")
 ON_GPU = torch.cuda.is_available()
 # Triton's interpreter draws a quarter of the size, one tile, in a second a step.
 SIZES = {"steps": 3, "coarse_until": 1.0, "max_gaussians": 120, "sky_gaussians": 12}
-SETTINGS = SIZES | {"mask_start": 0.0, "mask_apply": 0.0, "held_out_checks": 0, "densify_rounds": 0, "geometry_from": 0.0}
+SETTINGS = SIZES | {
+    "mask_start": 0.0,
+    "mask_apply": 0.0,
+    "held_out_checks": 0,
+    "densify_rounds": 0,
+    "geometry_from": 0.0,
+}
 
 
 def losses(folder, **changes) -> list[float]:

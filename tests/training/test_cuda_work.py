@@ -23,12 +23,22 @@ from tests.elsewhere import DEVICE, MixedDevices, elsewhere, kernels, watched
 from tests.small import small_collection, small_settings
 
 pytest.importorskip("triton", reason="Triton is not installed")
-pytestmark = pytest.mark.skipif(torch.cuda.is_available(), reason="the kernels are not interpreted where there is a GPU")
+pytestmark = pytest.mark.skipif(
+    torch.cuda.is_available(), reason="the kernels are not interpreted where there is a GPU"
+)
 
 # Triton's interpreter draws a quarter of the size, one tile, of few Gaussians in a second.
-SIZES = {"steps": 60, "coarse_until": 1.0, "max_gaussians": 40, "sky_gaussians": 12, "held_out_checks": 0, "densify_rounds": 0}
+SIZES = {
+    "steps": 60,
+    "coarse_until": 1.0,
+    "max_gaussians": 40,
+    "sky_gaussians": 12,
+    "held_out_checks": 0,
+    "densify_rounds": 0,
+}
 
-MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 360, 75  # of a step, and of L_regTS, which draws once more every tenth; 356 and 73 as of now
+# Of a step, and of L_regTS, which draws once more every tenth; 356 and 73 as of now.
+MOST_LAUNCHES, MORE_FOR_TRANSIENTS = 360, 75
 STEPS = 4  # compared with those on a CPU
 
 
@@ -91,13 +101,16 @@ def test_losses_are_those_of_a_cpu(losses_on_cpu, trainer, monkeypatch):
         losses.append(trainer.step().loss)
     # Losses of order 0.1 over a hundred pixels of one picture, each good to 1e-6; a few steps of Adam keep that.
     assert losses == pytest.approx(losses_on_cpu, abs=1e-5)
-    assert trainer.stepper.room.gaussians <= len(trainer.gaussians)  # of more, kernels could not count as many as there may be
+    # Of more, kernels could not count as many as there may be.
+    assert trainer.stepper.room.gaussians <= len(trainer.gaussians)
 
 
 class Again:
-    """Stands for a Recorder: where a GPU would replay, it does the work again, on the tensors and Python numbers that it was recorded with.
+    """Stands for a Recorder: where a GPU would replay, it does the work again,
+    on the tensors and Python numbers that it was recorded with.
 
-    full: whether memory is too short to record. recorded: how many recordings were made. attempt: of the recording that failed, what it made.
+    full: whether memory is too short to record. recorded: how many recordings were made.
+    attempt: of the recording that failed, what it made.
     """
 
     full, recorded, attempt = False, 0, None
@@ -152,7 +165,9 @@ def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer):
     assert trainer.stepper.room.gaussians == 0 and not trainer.stepper.recordings
 
 
-@pytest.mark.parametrize("changes", [{"embedding": "glo", "exposure_jitter": 0.0}, {"mask": "mlp"}], ids=["glo", "mlp"], indirect=True)
+@pytest.mark.parametrize(
+    "changes", [{"embedding": "glo", "exposure_jitter": 0.0}, {"mask": "mlp"}], ids=["glo", "mlp"], indirect=True
+)
 @pytest.mark.usefixtures("records")
 def test_steps_whose_rows_the_host_chooses_are_not_replayed(losses_on_cpu, trainer):
     assert [trainer.step().loss for _ in range(STEPS)] == pytest.approx(losses_on_cpu, abs=1e-5)
@@ -195,7 +210,10 @@ def test_where_memory_does_not_suffice_beside_a_recording_all_steps_are_run(loss
 
 
 @pytest.mark.parametrize(
-    ("changes", "shared"), [({}, True), ({"transparency": "empty", "sky": "none"}, False)], ids=["unseen", "empty"], indirect=["changes"]
+    ("changes", "shared"),
+    [({}, True), ({"transparency": "empty", "sky": "none"}, False)],
+    ids=["unseen", "empty"],
+    indirect=["changes"],
 )
 def test_photos_share_a_canvas_unless_transparency_means_empty_space(trainer, shared):
     assert (trainer.photos.canvas(1) is not None) == shared
@@ -217,13 +235,21 @@ def test_a_step_waits_once(trainer):
 def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
     """The host, which does not look before the step is over, reports and counts it as on a CPU; it leaves no trace."""
     trainer.step()
-    state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
+    state = {
+        **trainer.gaussians.tensors(),
+        **trainer.model.state_dict(),
+        **checkpoint.optimizer_tensors(trainer.optimizer),
+    }
     before = {name: tensor.cpu().clone() for name, tensor in state.items()}
     honest = trainer.objective.picture
     monkeypatch.setattr(trainer.objective, "picture", lambda *arguments: honest(*arguments) * torch.nan)
     (message,) = trainer.step().messages
     assert message.startswith("Step 19 was skipped: its loss was not finite") and trainer.state.skipped == 1
-    state = {**trainer.gaussians.tensors(), **trainer.model.state_dict(), **checkpoint.optimizer_tensors(trainer.optimizer)}
+    state = {
+        **trainer.gaussians.tensors(),
+        **trainer.model.state_dict(),
+        **checkpoint.optimizer_tensors(trainer.optimizer),
+    }
     for name, tensor in before.items():
         assert torch.equal(tensor, state[name].cpu()), name
     monkeypatch.setattr(trainer.objective, "picture", honest)
@@ -271,12 +297,17 @@ def test_what_waits_is_seen():
 
 @pytest.mark.usefixtures("records")
 def test_what_was_prepared_ahead_leaves_no_trace_in_what_is_saved(trainer):
-    """A checkpoint does not depend on the step that was prepared ahead; a preparation that fails ahead fails again in its turn."""
+    """A checkpoint does not depend on the step that was prepared ahead;
+    a preparation that fails ahead fails again in its turn."""
     trainer.step()
     assert trainer.ahead is not None
     order, random_state = list(trainer.ahead.order), trainer.ahead.random_state
     trainer.save()
-    assert trainer.ahead is None and trainer.state.order == order and torch.equal(trainer.generator.get_state(), random_state)
+    assert (
+        trainer.ahead is None
+        and trainer.state.order == order
+        and torch.equal(trainer.generator.get_state(), random_state)
+    )
 
     trainer.step()
     order, honest = list(trainer.state.order), trainer.stepper.prepare

@@ -46,10 +46,19 @@ DAMAGE = {
     "a setting of another version": (change_config("settings", "opacity_resets", value=1), "There is no setting"),
     "a radius of zero": (change_config("frame", "radius", value=0), "no frame"),
     "a radius of NaN": (change_config("frame", "radius", value=float("nan")), "no frame"),
-    "a centre of two numbers": (change_config("photos", 0, "camera", "centre", value=[1, 2]), "config.json cannot be used"),
+    "a centre of two numbers": (
+        change_config("photos", 0, "camera", "centre", value=[1, 2]),
+        "config.json cannot be used",
+    ),
     "a camera of no width": (change_config("photos", 0, "camera", "width", value=0), "a picture of 0x36 px"),
-    "a focal length in words": (change_config("photos", 0, "camera", "fx", value="wide"), "config.json cannot be used: ValueError"),
-    "a focal length beyond all floats": (change_config("photos", 0, "camera", "fx", value=10**400), "config.json cannot be used: ValueError"),
+    "a focal length in words": (
+        change_config("photos", 0, "camera", "fx", value="wide"),
+        "config.json cannot be used: ValueError",
+    ),
+    "a focal length beyond all floats": (
+        change_config("photos", 0, "camera", "fx", value=10**400),
+        "config.json cannot be used: ValueError",
+    ),
     "a photo without a path": (change_config("photos", 0, "path", value=None), "config.json cannot be used"),
     "a split that there is not": (change_config("photos", 0, "split", value="val"), "of the split 'val'"),
     "no photos": (change_config("photos", value=[]), "no photos"),
@@ -57,7 +66,9 @@ DAMAGE = {
     "a missing tensor": (change_checkpoint(lambda saved: saved.tensors.pop(MEANS)), "does not fit its run"),
     "missing counts": (change_checkpoint(lambda saved: saved.tensors.pop("gaussians.counts")), "KeyError: 'counts'"),
     "a moment of another shape": (
-        change_checkpoint(lambda saved: saved.tensors.update({"gaussians.second.sh": saved.tensors["gaussians.second.sh"][:, :1]})),
+        change_checkpoint(
+            lambda saved: saved.tensors.update({"gaussians.second.sh": saved.tensors["gaussians.second.sh"][:, :1]})
+        ),
         "moments of other shapes",
     ),
     "a sky of more than all": (change_checkpoint(lambda saved: saved.facts.update(sky=10**6)), "a sky of 1000000 of"),

@@ -10,9 +10,10 @@ import pytest
 import torch
 
 from core import config, pipeline
-from core.config import Settings, preset
+from core.config import Settings
 from core.data import load_collection
 from core.pipeline import training
+from core.presets import preset
 from core.training import decisions
 from core.training.evidence import Evidence
 from core.training.on_disk import checkpoint, run_config
@@ -25,7 +26,14 @@ from tests.real_data import real
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "plaza"
-SMALL = {"max_gaussians": 600, "sky_gaussians": 60, "densify_rounds": 4, "encoder_side_px": 32, "checkpoints": 1, "device": "cpu"}
+SMALL = {
+    "max_gaussians": 600,
+    "sky_gaussians": 60,
+    "densify_rounds": 4,
+    "encoder_side_px": 32,
+    "checkpoints": 1,
+    "device": "cpu",
+}
 
 
 def decided_for(collection, settings: Settings | None = None, change=lambda photo: photo) -> dict:
@@ -55,7 +63,8 @@ def test_each_part_is_kept_where_photos_need_it(tmp_path, change, expected):
 def test_a_wild_collection_keeps_everything():
     taken = decided_for(load_collection(SAMPLE))
     assert values(taken) == ("full", "on")
-    assert taken["sh_degree"].figure < 0.6 * decisions.LEAST_VIEW_DEPENDENCE  # 4 %: light changes far more than the viewing direction
+    # 4 %: light changes far more than the viewing direction.
+    assert taken["sh_degree"].figure < 0.6 * decisions.LEAST_VIEW_DEPENDENCE
     assert taken["appearance"].figure > 3 * decisions.LEAST_SPREAD_BEYOND_EXPOSURE  # 12.9
     assert taken["transients"].figure > 2 * decisions.LEAST_STRANGE_SHARE  # 4.9 %
 
@@ -63,7 +72,10 @@ def test_a_wild_collection_keeps_everything():
 def test_a_copy_in_nerfstudios_format_is_judged_alike(tmp_path):
     given = load_collection(SAMPLE)
     lists = {f"{split}_filenames": [photo.name for photo in given.split(split)] for split in ("train", "test")}
-    copy, original = decided_for(load_collection(write_processed(SAMPLE, tmp_path / "copy", **lists))), decided_for(given)
+    copy, original = (
+        decided_for(load_collection(write_processed(SAMPLE, tmp_path / "copy", **lists))),
+        decided_for(given),
+    )
     for name, decision in original.items():
         assert copy[name].value == decision.value and copy[name].figure == pytest.approx(decision.figure, rel=1e-6)
 
@@ -105,7 +117,13 @@ def test_too_little_to_judge_by_keeps_looks_and_says_so(tmp_path):
 
 def test_figures_on_either_side_of_a_bound_decide():
     def evidence(**figures):
-        usual = {"photos": 20, "colour_spread": 20.0, "spread_beyond_exposure": 9.0, "view_dependence": 0.9, "strange_share": 0.1}
+        usual = {
+            "photos": 20,
+            "colour_spread": 20.0,
+            "spread_beyond_exposure": 9.0,
+            "view_dependence": 0.9,
+            "strange_share": 0.1,
+        }
         return Evidence(**usual | figures)
 
     for seen, why in (
@@ -113,13 +131,24 @@ def test_figures_on_either_side_of_a_bound_decide():
         (Evidence(20), "too few points are known to be shared by photos to tell"),
     ):
         value, _, because = decisions.judge_transients(seen)
-        assert value == "on" and why in because and "whether there are passers-by; `--transients off` leaves masks out" in because
+        assert (
+            value == "on"
+            and why in because
+            and "whether there are passers-by; `--transients off` leaves masks out" in because
+        )
         value, _, because = decisions.judge_transients(replace(seen, photos=19))
-        assert value == "off" and why in because and "19 photos hardly teach what these look like; `--transients on`" in because
+        assert (
+            value == "off"
+            and why in because
+            and "19 photos hardly teach what these look like; `--transients on`" in because
+        )
     _, _, because = decisions.judge_appearance(Evidence(3))
     assert "to tell whether their light differs; `--appearance off` leaves looks out" in because
     assert decisions.judge_appearance(evidence(colour_spread=decisions.LEAST_COLOUR_SPREAD - 0.01))[0] == "off"
-    assert decisions.judge_appearance(evidence(spread_beyond_exposure=decisions.LEAST_SPREAD_BEYOND_EXPOSURE - 0.01))[0] == "exposure"
+    assert (
+        decisions.judge_appearance(evidence(spread_beyond_exposure=decisions.LEAST_SPREAD_BEYOND_EXPOSURE - 0.01))[0]
+        == "exposure"
+    )
     assert decisions.judge_appearance(evidence())[0] == "full"
     assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE - 0.001))[0] == "off"
     assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE))[0] == "on"

@@ -16,7 +16,14 @@ from core.training.evidence import (
     strange_share,
     view_dependence,
 )
-from core.training.sightings import NEAR_DEGREES, Sightings, _degrees_to_nearest, find_sightings, neighbours, rows_of_each
+from core.training.sightings import (
+    NEAR_DEGREES,
+    Sightings,
+    _degrees_to_nearest,
+    find_sightings,
+    neighbours,
+    rows_of_each,
+)
 from core.training.sized_photos import SizedPhotos, Sizes
 from tests.training.known_scene import HEIGHT, WIDTH, crowded, known_collection, plain
 
@@ -29,7 +36,8 @@ def random():
 
 
 def sightings(random, colour=None) -> Sightings:
-    """Every photo matches every point, at a place of its own; colours grey unless given by (photo, point, pixel, towards)."""
+    """Every photo matches every point, at a place of its own;
+    colours grey unless given by (photo, point, pixel, towards)."""
     photo, point = (grid.ravel() for grid in np.meshgrid(np.arange(PHOTOS), np.arange(POINTS), indexing="ij"))
     towards = random.normal(size=(len(photo), 3))
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
@@ -54,7 +62,8 @@ def test_what_neighbours_share_counts_in_full(random, photos):
     made = made[made.photo < photos]
     shift = 12 / 255 * random.normal(size=(photos, 3))
     noise = 6 / 255 * random.normal(size=(len(made), 3))
-    expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(photos / (photos - 1))  # the mean over the photos is taken off
+    # The mean over the photos is taken off.
+    expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(photos / (photos - 1))
     assert shared_spread(made, shift[made.photo] + noise) == pytest.approx(expected, rel=0.05)
 
 
@@ -165,10 +174,15 @@ def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see
 
 
 def test_a_photo_is_near_another_that_looks_at_a_point_from_as_far_away():
-    """Two of three are 4 degrees apart, as seen from the point; the third is in line with one of them, twice as far off."""
+    """Two of three are 4 degrees apart, as seen from the point;
+    the third is in line with one of them, twice as far off."""
     rays = np.array([[[0.0, 0.0, 1.0], [np.sin(np.radians(4)), 0.0, np.cos(np.radians(4))], [0.0, 0.0, 1.0]]])
     distances = np.array([[3.0, 4.0, 6.5]])
-    for matched, expected in (([True, True, True], [4, 4, 180]), ([True, False, True], [180, 4, 180]), ([False, True, False], [4, 180, 180])):
+    for matched, expected in (
+        ([True, True, True], [4, 4, 180]),
+        ([True, False, True], [180, 4, 180]),
+        ([False, True, False], [4, 180, 180]),
+    ):
         np.testing.assert_allclose(_degrees_to_nearest(rays, distances, np.array([matched])), [expected], atol=1e-6)
 
 
@@ -201,7 +215,9 @@ def test_too_few_points_give_no_figures(tmp_path):
     few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in photos]
     assert gather_evidence(collection.points, few).colour_spread is None
     shared = reduce(np.intersect1d, [p.photo.points for p in photos])[:60]
-    assert gather_evidence(collection.points, [replace(p, photo=replace(p.photo, points=shared)) for p in photos]) == Evidence(len(photos))
+    assert gather_evidence(
+        collection.points, [replace(p, photo=replace(p.photo, points=shared)) for p in photos]
+    ) == Evidence(len(photos))
     none = [replace(p, photo=replace(p.photo, points=p.photo.points[:0])) for p in photos]
     assert gather_evidence(collection.points, none) == Evidence(len(none))
     assert gather_evidence(collection.points, photos[:1]).colour_spread is None
@@ -212,9 +228,14 @@ def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
     photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
     own, shared = np.arange(60), np.arange(60, len(collection.points))
     seen = [shared] * 5 + [own]
-    photos = [replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s))) for p, s in zip(photos, seen, strict=True)]
+    photos = [
+        replace(p, photo=replace(p.photo, points=np.intersect1d(p.photo.points, s)))
+        for p, s in zip(photos, seen, strict=True)
+    ]
     found = gather_evidence(collection.points, photos)
-    assert replace(found, photos=5) == gather_evidence(collection.points, photos[:5]) and found.colour_spread is not None
+    assert (
+        replace(found, photos=5) == gather_evidence(collection.points, photos[:5]) and found.colour_spread is not None
+    )
 
 
 def test_figures_do_not_change_from_call_to_call(tmp_path):

@@ -81,7 +81,9 @@ def test_adam_stays_finite_and_its_steps_small(gradients, update):
     counts, rate = torch.zeros(1, dtype=torch.int32), 0.25
     for gradient in gradients:
         before = values.clone()
-        update([Moved(values, first, second, torch.tensor([[gradient]]), torch.tensor([rate]))], counts, torch.tensor([0]))
+        update(
+            [Moved(values, first, second, torch.tensor([[gradient]]), torch.tensor([rate]))], counts, torch.tensor([0])
+        )
         assert all(torch.isfinite(tensor).all() for tensor in (values, first, second))
         # Kingma & Ba, section 2.1: at most (1 - beta_1) / sqrt(1 - beta_2) rates; float32 squares of denormals are 0.
         assert float((values - before).abs()) <= 3.2 * rate

@@ -45,7 +45,9 @@ def trained(collection, folder, **changes):
     return {**trainer.gaussians.tensors(), **trainer.model.state_dict()}, reports
 
 
-@pytest.mark.parametrize("changes", [{}, {"transients": "off"}, {"mask_loss": "paper", "mask_start": 0.0, "mask_apply": 0.0}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"transients": "off"}, {"mask_loss": "paper", "mask_start": 0.0, "mask_apply": 0.0}]
+)
 def test_what_given_masks_hide_has_no_influence(tmp_path, changes):
     runs = []
     for name, colour in (("orange", (20, 120, 240)), ("blue", (240, 30, 30))):
@@ -73,7 +75,9 @@ def test_hidden_places_count_for_nothing_from_step_0(tmp_path):
     collection = crowded(tmp_path / "scene", (255, 0, 255))
     _, free = trained(collection, tmp_path / "free", transients="off")
     _, given = trained(with_masks_in(collection, tmp_path / "scene" / "masks"), tmp_path / "given", transients="off")
-    assert all(report.picture_loss > 1.2 * other.picture_loss for report, other in zip(free[:4], given[:4], strict=True))
+    assert all(
+        report.picture_loss > 1.2 * other.picture_loss for report, other in zip(free[:4], given[:4], strict=True)
+    )
 
 
 def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
@@ -83,7 +87,10 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
             cv2.imwrite(str(mask), 255 - cv2.imread(str(mask)))
         given = with_masks_in(collection, tmp_path / "masks").split("train")
         notes = SizedPhotos(given, Sizes(1, 1.0, 32)).notes
-        assert notes == (["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."] * inverted)
+        assert notes == (
+            ["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."]
+            * inverted
+        )
 
 
 def test_masks_that_are_all_black_are_refused_in_one_line(tmp_path):
@@ -93,7 +100,9 @@ def test_masks_that_are_all_black_are_refused_in_one_line(tmp_path):
     with pytest.raises(BadInput) as caught:
         Trainer(with_masks_in(collection, tmp_path / "masks"), small_settings(), tmp_path / "run")
     first, *others = (photo.name for photo in collection.split("train"))
-    named = ", ".join([f"{first} (is left with 0.0% of its pixels by its mask)", *(f"{name} (likewise)" for name in others)])
+    named = ", ".join(
+        [f"{first} (is left with 0.0% of its pixels by its mask)", *(f"{name} (likewise)" for name in others)]
+    )
     why = f"4 photos of the train split that cannot be used: {named}"
     assert caught.value.what == f"{tmp_path}: no photo is left to train on. {why}."
 
@@ -143,6 +152,9 @@ def test_missing_masks_are_refused_before_cameras_are_searched_for(tmp_path, mon
     for name in ("photos/a.jpg", "masks/a_mask.png"):
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).touch()
-    for masks, words in (("nowhere", "There is no folder .*nowhere"), ("masks", "masks holds no mask of a training photo. Name masks .* a.png")):
+    for masks, words in (
+        ("nowhere", "There is no folder .*nowhere"),
+        ("masks", "masks holds no mask of a training photo. Name masks .* a.png"),
+    ):
         with pytest.raises(BadInput, match=words):
             pipeline.train(tmp_path / "photos", small_settings(), masks=tmp_path / masks)

@@ -1,4 +1,5 @@
-"""The quality of a run in progress: renders of held-out photos are judged as they are displayed, and only where the photo shows something."""
+"""The quality of a run in progress: renders of held-out photos are judged as they are displayed,
+and only where the photo shows something."""
 
 from dataclasses import replace
 
@@ -23,7 +24,12 @@ def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
     assert psnr > 60 and ssim > 0.999
     # What a photo does not show is not compared.
     seen = np.arange(white[0].pixels.shape[1]) >= 20
-    half = [replace(sized, pixels=sized.pixels * seen[:, None].astype(np.uint8), valid=np.tile(seen, (len(sized.pixels), 1))) for sized in white]
+    half = [
+        replace(
+            sized, pixels=sized.pixels * seen[:, None].astype(np.uint8), valid=np.tile(seen, (len(sized.pixels), 1))
+        )
+        for sized in white
+    ]
     trainer.held_out.photos[:] = half
     assert trainer.held_out_quality() == pytest.approx((psnr, ssim), abs=1e-3)
     # Grey on white: half of the range off, and an SSIM of 0.8, or of 0.64 where the window reaches beyond the picture.
@@ -33,7 +39,8 @@ def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
 
 
 def test_what_held_out_photos_show_teaches_nothing(tmp_path):
-    """Of two scenes that differ in their held-out photos alone, every tensor of a whole run is the same, bit for bit: decisions, growth, sky and all."""
+    """Of two scenes that differ in their held-out photos alone, every tensor of a whole run is the same, bit for bit:
+    decisions, growth, sky and all."""
     checkpoints, judged = [], []
     for name in ("as they are", "of noise"):
         folder = tmp_path / name
@@ -42,7 +49,9 @@ def test_what_held_out_photos_show_teaches_nothing(tmp_path):
         if name == "of noise":
             for photo in collection.split("test"):
                 cv2.imwrite(str(photo.path), np.random.default_rng(1).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8))
-        settings = small_settings(prune_contribution=0.05).changed(appearance="auto", transients="auto", sh_degree="auto")
+        settings = small_settings(prune_contribution=0.05).changed(
+            appearance="auto", transients="auto", sh_degree="auto"
+        )
         trainer = Trainer.of_new_run(collection, settings, folder / "run")
         judged.append([report.held_out_psnr for report in trainer.train()])
         checkpoints.append(checkpoint.load(checkpoint.newest(folder / "run")).tensors)

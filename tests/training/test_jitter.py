@@ -11,7 +11,10 @@ def test_gains_stop_at_their_largest_and_the_encoder_is_shown_nothing_above_one(
     generator, settings = torch.Generator().manual_seed(0), small_settings(exposure_jitter=1.0)
     gains = torch.stack([draw_gain(settings, generator) for _ in range(200)])
     assert gains.max() == torch.tensor(1.4) and gains.min() < 0.2
-    few = draw_gain(small_settings(exposure_jitter=0.0), generator), draw_gain(small_settings(exposure_jitter=0.1, embedding="glo"), generator)
+    few = (
+        draw_gain(small_settings(exposure_jitter=0.0), generator),
+        draw_gain(small_settings(exposure_jitter=0.1, embedding="glo"), generator),
+    )
     assert few == (None, None)
     photo, gain = torch.rand(3, 12, 16), torch.tensor([1.4, 1.0, 0.5])
     shown, target = jittered(photo, Target(photo.permute(1, 2, 0)), gain)

@@ -1,4 +1,5 @@
-"""How the networks learn: each at its own rate, and the encoder as soon as the embedding has its gradient, or at the end."""
+"""How the networks learn: each at its own rate,
+and the encoder as soon as the embedding has its gradient, or at the end."""
 
 import pytest
 import torch

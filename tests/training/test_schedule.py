@@ -10,7 +10,9 @@ from tests.small import whole_settings
 def test_schedules_are_fractions_of_the_steps():
     short, long = whole_settings(steps=100), whole_settings(steps=100_000)
     assert schedule.densification_steps(long)[-1] == 1000 * schedule.densification_steps(short)[-1]
-    assert [schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until / 2, short.coarse_until)] == [4, 2, 1]
+    assert [
+        schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until / 2, short.coarse_until)
+    ] == [4, 2, 1]
     assert schedule.evenly(4, 100) == {25, 50, 75, 100}
     assert schedule.contribution_steps(whole_settings(steps=101)) == {66, 86} and schedule.settled_step(short) == 85
     assert [schedule.begun(short, short.mask_apply + later)[-1] for later in (-0.01, 0.0)] == [False, True]

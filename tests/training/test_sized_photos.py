@@ -1,4 +1,5 @@
-"""Photos at training size: never enlarged, the same from the cache and made again, and nothing of what is hidden in them."""
+"""Photos at training size: never enlarged, the same from the cache and made again,
+and nothing of what is hidden in them."""
 
 import threading
 import weakref
@@ -63,7 +64,11 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[:, 4:5] = mask[:, 9:24] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    valid = SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
+    valid = (
+        SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX))
+        .target(0, 4)[1]
+        .valid
+    )
     expected = torch.ones(HEIGHT // 4, WIDTH // 4, dtype=torch.bool)
     expected[:, 2:6] = False
     assert torch.equal(valid, expected)
@@ -76,7 +81,11 @@ def test_if_a_mask_hides_most_of_every_shrunk_pixel_the_least_hidden_ones_count(
     mask[:, :2] = mask[:, 4] = 255
     mask[::4, 0] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    valid = SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX)).target(0, 4)[1].valid
+    valid = (
+        SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX))
+        .target(0, 4)[1]
+        .valid
+    )
     assert valid[:, :2].all() and not valid[:, 2:].any()
 
 
@@ -94,7 +103,9 @@ def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
 
 
 @pytest.mark.parametrize("threads, limit", [(1, None), (2, None), (3, None), (2, 1 << 34)])
-def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_are_named(tmp_path, monkeypatch, threads, limit):
+def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_are_named(
+    tmp_path, monkeypatch, threads, limit
+):
     one, heard = small_collection(tmp_path, photos=1).photos[0], Heard()
     photos = []
     for number in range(40):
@@ -106,16 +117,25 @@ def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_ar
     monkeypatch.setattr(memory, "limit", lambda: limit)
     torch.set_num_threads(threads)
     found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX), report=heard)
-    assert [(sized.photo.name, sized.pixels[0, 0, 0]) for sized in found] == [(f"{n:02d}.png", 5 * n) for n in range(40) if n not in (7, 31)]
-    assert found.notes[0].startswith("2 photos of the train split that cannot be used: 07.png (") and ", 31.png (" in found.notes[0]
+    assert [(sized.photo.name, sized.pixels[0, 0, 0]) for sized in found] == [
+        (f"{n:02d}.png", 5 * n) for n in range(40) if n not in (7, 31)
+    ]
+    assert (
+        found.notes[0].startswith("2 photos of the train split that cannot be used: 07.png (")
+        and ", 31.png (" in found.notes[0]
+    )
     assert heard.steps[-1] == (40, 40) and len(heard.steps) == (5 if limit else -(-40 // (8 * threads)))
 
 
 @pytest.mark.parametrize("limit, decoders", [(1 << 34, 8), (None, 1)])
-def test_photos_are_decoded_one_by_one_where_memory_is_limited_or_no_more_threads_may_decode(tmp_path, monkeypatch, limit, decoders):
+def test_photos_are_decoded_one_by_one_where_memory_is_limited_or_no_more_threads_may_decode(
+    tmp_path, monkeypatch, limit, decoders
+):
     photos, decoding = small_collection(tmp_path).photos, set()
     load = module.load_sized_photo
-    monkeypatch.setattr(module, "load_sized_photo", lambda *photo, **given: decoding.add(threading.get_ident()) or load(*photo, **given))
+    monkeypatch.setattr(
+        module, "load_sized_photo", lambda *photo, **given: decoding.add(threading.get_ident()) or load(*photo, **given)
+    )
     monkeypatch.setattr(module, "DECODERS", decoders)
     monkeypatch.setattr(memory, "limit", lambda: limit)
     assert len(SizedPhotos(photos, Sizes(1, 1.0, SIDE_PX))) == 6 and decoding == {threading.get_ident()}
@@ -124,7 +144,9 @@ def test_photos_are_decoded_one_by_one_where_memory_is_limited_or_no_more_thread
 def sized(tmp_path, sizes_px: list[tuple[int, int]], share_canvas: bool = True) -> SizedPhotos:
     """Photos of these widths and heights, on a canvas if they share one."""
     photo = small_collection(tmp_path, photos=1).photos[0]
-    photos = [replace(photo, name=f"{number}.png", camera=photo.camera.resized(*size)) for number, size in enumerate(sizes_px)]
+    photos = [
+        replace(photo, name=f"{number}.png", camera=photo.camera.resized(*size)) for number, size in enumerate(sizes_px)
+    ]
     found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX))
     found.share_canvas = share_canvas
     return found

@@ -1,4 +1,5 @@
-"""Steps that are replayed are the steps themselves. What they compute is compared with a CPU in test_cuda_run and test_cuda_work."""
+"""Steps that are replayed are the steps themselves.
+What they compute is compared with a CPU in test_cuda_run and test_cuda_work."""
 
 import pytest
 import torch
@@ -13,11 +14,14 @@ STEPS = 60
 
 
 def run(folder, monkeypatch, recorded: bool) -> tuple[list[float], int, int]:
-    """Losses, how many steps were replayed, and how many Gaussians there are after a run through all its parts, with growth and pruning."""
+    """Losses, how many steps were replayed, and how many Gaussians there are after a run through all its parts,
+    with growth and pruning."""
     from core.training import step_cuda
 
     (folder := folder / str(recorded)).mkdir()
-    settings = small_settings(steps=STEPS, mask_start=0.3, mask_apply=0.5, held_out_checks=3, densify_rounds=2, device="cuda")
+    settings = small_settings(
+        steps=STEPS, mask_start=0.3, mask_apply=0.5, held_out_checks=3, densify_rounds=2, device="cuda"
+    )
     trainer, replayed = Trainer(small_collection(folder), settings, folder), []
     honest = step_cuda.StepperOnGpu._replay
     with monkeypatch.context() as patch:

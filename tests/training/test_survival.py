@@ -120,9 +120,13 @@ SPOILT = {
     "focal length of 1e-3 px": lambda given: with_camera(given, fx=1e-3, fy=1e-3),
     "camera a million units off": lambda given: with_camera(given, centre=np.array([1e6, 0.0, 0.0])),
     "camera in the middle of the points": lambda given: with_camera(given, centre=np.zeros(3)),
-    "camera that looks away": lambda given: with_camera(given, world_to_camera=np.diag([-1.0, 1.0, -1.0]) @ given.photos[0].camera.world_to_camera),
+    "camera that looks away": lambda given: with_camera(
+        given, world_to_camera=np.diag([-1.0, 1.0, -1.0]) @ given.photos[0].camera.world_to_camera
+    ),
     "a black and a white photo": lambda given: with_picture(with_picture(given, 0, 0), 1, 255),
-    "photos without points": lambda given: replace(given, photos=tuple(replace(photo, points=np.zeros(0, np.int64)) for photo in given.photos)),
+    "photos without points": lambda given: replace(
+        given, photos=tuple(replace(photo, points=np.zeros(0, np.int64)) for photo in given.photos)
+    ),
 }
 
 
@@ -157,7 +161,9 @@ def test_a_single_photo_and_photos_that_are_all_the_same(collection, tmp_path):
 @pytest.mark.parametrize("points", [1, 50])
 def test_points_in_one_place_allow_gaussians_around_them(collection, tmp_path, points):
     same = [np.repeat(array[:1], points, axis=0) for array in (collection.points, collection.point_colours)]
-    trainer, _ = run(replace(collection, points=same[0], point_colours=same[1]), tmp_path / "run", prune_contribution=0.0)
+    trainer, _ = run(
+        replace(collection, points=same[0], point_colours=same[1]), tmp_path / "run", prune_contribution=0.0
+    )
     assert trainer.gaussians.solid > 0
 
 
@@ -171,7 +177,10 @@ def test_a_run_that_loses_all_its_gaussians_says_so_and_goes_on(collection, tmp_
 def test_a_view_of_nothing_is_a_step_like_any_other(collection, tmp_path):
     """Without a sky a camera that looks away sees no Gaussian at all."""
     away = np.diag([-1.0, 1.0, -1.0])
-    blind = tuple(replace(photo, camera=replace(photo.camera, world_to_camera=away @ photo.camera.world_to_camera)) for photo in collection.photos)
+    blind = tuple(
+        replace(photo, camera=replace(photo.camera, world_to_camera=away @ photo.camera.world_to_camera))
+        for photo in collection.photos
+    )
     before = Trainer(collection, small_settings(sky="none", steps=9), tmp_path).gaussians.parameters
     unchanged = {"densify_from": 1.0, "densify_until": 1.0, "prune_contribution": 0.0}
     trainer, messages = run(replace(collection, photos=blind), tmp_path / "run", sky="none", steps=9, **unchanged)
@@ -195,7 +204,8 @@ def test_masks_that_collapse_are_held_and_it_is_said_once(collection, tmp_path):
     assert trainer.state.mask_mean < mask_weights.LEAST_STATIC
     mask = trainer.model.read(trainer.photos[0].encoder_input, 0).mask
     weights = mask_weights.pixel_weights(trainer.photos.target(0, 1)[1].to_pixels(mask), mask.detach().mean())
-    assert float(weights.mean()) == pytest.approx(mask_weights.LEAST_STATIC, abs=0.02)  # bilinear resizing moves the mean a little
+    # Bilinear resizing moves the mean a little.
+    assert float(weights.mean()) == pytest.approx(mask_weights.LEAST_STATIC, abs=0.02)
 
 
 def test_masks_that_are_not_applied_yet_cause_no_warning(collection, tmp_path):
@@ -305,7 +315,11 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
     assert trainer.gaussians.solid > few  # a round of growth was due just then
     resumed = Trainer(collection, small_settings(), folder)
     resumed.resume(checkpoint.load(checkpoint.newest(folder)))
-    assert (resumed.state.skipped, resumed.state.skipped_in_a_row, resumed.state.last_losses) == (10, 0, trainer.state.last_losses)
+    assert (resumed.state.skipped, resumed.state.skipped_in_a_row, resumed.state.last_losses) == (
+        10,
+        0,
+        trainer.state.last_losses,
+    )
     assert trainer.step() == resumed.step()
 
 

@@ -53,11 +53,18 @@ def test_photos_are_learned_from_coarse_to_fine(trainer_of):
 def test_latents_start_to_learn_at_latents_from(collection, tmp_path):
     trainer = Trainer(collection, small_settings(steps=10, latent_size=3, latents_from=0.5), tmp_path)
     for report in trainer.train():
-        for latents in (trainer.gaussians.latents[: trainer.gaussians.solid], trainer.gaussians.latents[trainer.gaussians.solid :]):  # of the sky
+        # Of the sky.
+        for latents in (
+            trainer.gaussians.latents[: trainer.gaussians.solid],
+            trainer.gaussians.latents[trainer.gaussians.solid :],
+        ):
             assert latents.any() == (report.step > 5)
 
 
-@pytest.mark.parametrize("changes", [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4, "latents_from": 0.3}])
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4, "latents_from": 0.3}],
+)
 def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, changes):
     settings = small_settings(steps=44, **changes)
     whole, _ = run(collection, tmp_path / "whole", settings)
@@ -108,7 +115,10 @@ def test_damaged_photos_are_left_out_and_named_unless_none_is_left(collection, t
     trainer = Trainer(replace(collection, photos=(damage(first), *others)), small_settings(), tmp_path)
     assert [sized.photo.name for sized in trainer.photos] == ["photo_1.png", "photo_3.png", "photo_4.png"]
     (note,) = trainer.photos.notes
-    assert re.fullmatch(r"1 photo of the train split that cannot be used: photo_0.png \(ends before .*\)", note) and str(tmp_path) not in note
+    assert (
+        re.fullmatch(r"1 photo of the train split that cannot be used: photo_0.png \(ends before .*\)", note)
+        and str(tmp_path) not in note
+    )
     assert trainer.held_out.notes == [] and next(trainer.train()).step == 1
     hopeless = replace(collection, photos=tuple(map(damage, collection.photos)))
     with pytest.raises(
@@ -146,4 +156,5 @@ def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
     for name in ("means", "quaternions", "log_scales", "logit_opacities"):
         assert torch.equal(learned.parameters[name][-learned.sky :], fresh.parameters[name][-fresh.sky :]), name
     harmonics = learned.parameters["sh"][-learned.sky :]
-    assert not torch.equal(harmonics, fresh.parameters["sh"][-fresh.sky :]) and not harmonics[:, 1:].any()  # the same from every side
+    # The same from every side.
+    assert not torch.equal(harmonics, fresh.parameters["sh"][-fresh.sky :]) and not harmonics[:, 1:].any()

@@ -1,4 +1,5 @@
-"""Where a Blender scene is transparent it is learned as empty and scored over white; elsewhere nobody knows what is transparent."""
+"""Where a Blender scene is transparent it is learned as empty and scored over white;
+elsewhere nobody knows what is transparent."""
 
 import json
 from dataclasses import replace
@@ -51,7 +52,9 @@ def shines_through(trainer: Trainer) -> float:
     """Mean transmittance where held-out photos are wholly transparent."""
     shares = []
     for photo in trainer.collection.split("test"):
-        covered = trainer.rasterizer.render(trainer.gaussians.splats.detached().marked(slice(None)), photo.camera)[..., 0]
+        covered = trainer.rasterizer.render(trainer.gaussians.splats.detached().marked(slice(None)), photo.camera)[
+            ..., 0
+        ]
         shares.append(1 - covered.numpy()[rgba(photo)[..., 3] == 0])
     return float(np.concatenate(shares).mean())
 
@@ -60,7 +63,8 @@ def test_the_space_around_the_object_becomes_empty(scene, tmp_path, monkeypatch)
     """0.84 of the light pass at the start, because of points where nothing is."""
     assert shines_through(trained(scene, tmp_path / "empty")) > 0.95  # 0.98
     monkeypatch.setattr("core.training.transparency.EMPTY_IN", ())
-    assert shines_through(trained(scene, tmp_path / "unseen", sky="none")) < 0.85  # 0.77: what is not seen is not tidied
+    # 0.77: what is not seen is not tidied.
+    assert shines_through(trained(scene, tmp_path / "unseen", sky="none")) < 0.85
 
 
 def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(scene, tmp_path):
@@ -145,7 +149,10 @@ def finished(scene, tmp_path_factory):
 
 def test_training_reports_empty_space_once_and_makes_no_sky(finished):
     folder, heard = finished
-    assert sum(line.startswith("Transparent pixels are learned as empty space, without a sky") for line in heard.lines) == 1
+    assert (
+        sum(line.startswith("Transparent pixels are learned as empty space, without a sky") for line in heard.lines)
+        == 1
+    )
     assert load_run(folder).sky == 0 and run_config.read_config(folder)[1].sky == "none"
     assert "white_background=True" in (folder / "cfg_args").read_text()
 

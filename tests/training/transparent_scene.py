@@ -1,4 +1,5 @@
-"""A Blender scene of which it is known where it is empty: balls in a ball, transparent around them, among points that lie where nothing is."""
+"""A Blender scene of which it is known where it is empty:
+balls in a ball, transparent around them, among points that lie where nothing is."""
 
 from pathlib import Path
 
@@ -12,11 +13,13 @@ from tests.small import ring_camera
 from tests.training.known_scene import balls
 
 WIDTH, HEIGHT = 80, 60
-STRAY, SHELL = 150, (1.2, 1.6)  # points of nothing, and between which distances from the middle they lie; the balls end at 0.9
+# Points of nothing, and between which distances from the middle they lie; the balls end at 0.9.
+STRAY, SHELL = 150, (1.2, 1.6)
 
 
 def write_transparent_scene(root: Path, photos: int = 12) -> Path:
-    """transforms_train.json and transforms_test.json (every third photo) with RGBA photos and points.ply in `root`, which is returned."""
+    """transforms_train.json and transforms_test.json
+    (every third photo) with RGBA photos and points.ply in `root`, which is returned."""
     random = np.random.default_rng(7)
     splats, points, colours = balls(random)
     rasterizer, frames = core.rasterizer.create("cpu"), {"train": [], "test": []}
@@ -34,7 +37,11 @@ def write_transparent_scene(root: Path, photos: int = 12) -> Path:
         frames[split].append({"file_path": f"./{split}/{path.stem}", "transform_matrix": matrix.tolist()})
     directions = random.normal(size=(STRAY, 3))
     stray = directions / np.linalg.norm(directions, axis=1, keepdims=True) * random.uniform(*SHELL, size=(STRAY, 1))
-    write_points(root / "points.ply", np.concatenate([points, stray]), np.concatenate([colours, np.full((STRAY, 3), 0.5, np.float32)]))
+    write_points(
+        root / "points.ply",
+        np.concatenate([points, stray]),
+        np.concatenate([colours, np.full((STRAY, 3), 0.5, np.float32)]),
+    )
     facts = {"camera_angle_x": 2 * np.arctan(camera.width / 2 / camera.fx), "ply_file_path": "points.ply"}
     for split, views in frames.items():
         write_json(root / f"transforms_{split}.json", {**facts, "frames": views})

@@ -18,13 +18,16 @@ from core.words import Note, name_them
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "dense/sparse/0", "dense/sparse", "dense/0/sparse")
 NERFSTUDIO_FOLDER = "colmap/sparse/0"
-NERFSTUDIO_FILE = "transforms.json"  # made of the model in that folder; it says more, but not which photo sees which point
+# Made of the model in that folder; it says more, but not which photo sees which point.
+NERFSTUDIO_FILE = "transforms.json"
 LENGTH_SLACK = 1e-9  # of a quaternion; pycolmap relies on a length of 1
-ORIGINALS = ("input", "photos")  # where photos may lie that were not undistorted yet: a model of undistorted ones has other pixels
+# Where photos may lie that were not undistorted yet: a model of undistorted ones has other pixels.
+ORIGINALS = ("input", "photos")
 
 
 def find_model(root: Path) -> Path | None:
-    """The folder of the COLMAP model: below `root`, or `root` itself if it also holds the photos; else None. BadInput if the model lacks files."""
+    """The folder of the COLMAP model: below `root`, or `root` itself if it also holds the photos; else None.
+    BadInput if the model lacks files."""
     folders = [root / name for name in MODEL_FOLDERS]
     folders += [folder for base in ("sparse", "dense/sparse") for folder in _numbered(root / base)]
     if not (root / NERFSTUDIO_FILE).exists():
@@ -46,20 +49,25 @@ def lacks_photos(folder: Path) -> bool:
 
 
 def _numbered(folder: Path) -> list[Path]:
-    """The models 0, 1, ... that COLMAP writes when the photos fall apart into several; their numbers do not follow their size."""
+    """The models 0, 1, ... that COLMAP writes when the photos fall apart into several;
+    their numbers do not follow their size."""
     found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
     return sorted(found, key=lambda path: int(path.name))
 
 
 def _models_beside(model: Path) -> list[Path]:
     """The other numbered models in its folder; none for a model without a number."""
-    return [folder for folder in _numbered(model.parent) if folder != model and holds_model(folder)] if model.name.isdecimal() else []
+    if not model.name.isdecimal():
+        return []
+    return [folder for folder in _numbered(model.parent) if folder != model and holds_model(folder)]
 
 
 def nerfstudio_models(root: Path) -> list[Path]:
     """The folders of the models, or parts of them, that nerfstudio left below `root`, that of most photos first."""
     found = _numbered((root / NERFSTUDIO_FOLDER).parent)
-    return sorted((folder for folder in found if holds_model(folder) or lacking_files(folder)), key=photos_in_model, reverse=True)
+    return sorted(
+        (folder for folder in found if holds_model(folder) or lacking_files(folder)), key=photos_in_model, reverse=True
+    )
 
 
 def read_colmap(root: Path) -> Posed:
@@ -73,10 +81,14 @@ def read_colmap(root: Path) -> Posed:
     reconstruction = read_model(model)
     names, garbled = names_in(reconstruction)
     not_named = name_them("of the model whose name is not in UTF-8, not used", garbled)
-    found = [image for number in sorted(names, key=names.__getitem__) if (image := reconstruction.images[number]).has_pose]
+    found = [
+        image for number in sorted(names, key=names.__getitem__) if (image := reconstruction.images[number]).has_pose
+    ]
     if not found:
         why = f": {not_named[0].text}" if not_named else ""
-        raise BadInput(f"{model} has no photos with a pose{why}.", "Run COLMAP again, or type: wegs sfm PHOTOS -o SCENE")
+        raise BadInput(
+            f"{model} has no photos with a pose{why}.", "Run COLMAP again, or type: wegs sfm PHOTOS -o SCENE"
+        )
     points, notes = read_points(reconstruction, model)
     notes += not_named + _other_models(model)
     images = _images_folder(root, model, [image.name for image in found])
@@ -88,11 +100,15 @@ def read_colmap(root: Path) -> Posed:
         why = f"{fuller} holds less than half of the model's" if fuller.is_dir() else f"there is no {fuller}"
         notes.append(Note(f"The photos in {images} are used: {why}.", harmless=True))
     names_used = Counter(image.name for image in found)
-    notes += name_them("of the model named more than once, used once", [name for name, times in names_used.items() if times > 1])
+    notes += name_them(
+        "of the model named more than once, used once", [name for name, times in names_used.items() if times > 1]
+    )
     photos, found_notes = with_files_found([posed_photo(reconstruction, image, images) for image in found], [images])
     notes += found_notes
     there = list_photos(images) if images.is_dir() else []  # not where a model names its photos by whole paths
-    known = {os.path.abspath(path) for path in (*(photo.path for photo in photos), *(images / name for name in garbled))}
+    known = {
+        os.path.abspath(path) for path in (*(photo.path for photo in photos), *(images / name for name in garbled))
+    }
     extra = [path.name for path in there if os.path.abspath(path) not in known]
     notes += name_them(f"in {images} without a pose, not used", extra)
     fix = f"Put the photos into {root / 'images'}, named as in the model."
@@ -100,7 +116,8 @@ def read_colmap(root: Path) -> Posed:
 
 
 def names_in(reconstruction: pycolmap.Reconstruction) -> tuple[dict[int, str], list[str]]:
-    """The names of a model's photos, by id; and those that are not UTF-8, which pycolmap refuses to return, as Python spells such file names."""
+    """The names of a model's photos, by id; and those that are not UTF-8, which pycolmap refuses to return,
+    as Python spells such file names."""
     names, garbled = {}, []
     for number, image in reconstruction.images.items():
         try:
@@ -114,10 +131,13 @@ def posed_photo(model: pycolmap.Reconstruction, image: pycolmap.Image, images: P
     """What the model says of one of its images, whose photo lies in the folder `images`."""
     pose = image.cam_from_world()
     camera = copy(model.cameras[image.camera_id])  # the model's own is freed with the model
-    with np.errstate(invalid="ignore", over="ignore"):  # a photo with an impossible pose is left out later, by core.data.placing
+    # A photo with an impossible pose is left out later, by core.data.placing.
+    with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(pose.rotation.quat)
         if abs(length - 1) > LENGTH_SLACK:
-            pose.rotation = pycolmap.Rotation3d(pose.rotation.quat / length if 0 < length < LARGEST_COORDINATE else np.full(4, np.nan))
+            pose.rotation = pycolmap.Rotation3d(
+                pose.rotation.quat / length if 0 < length < LARGEST_COORDINATE else np.full(4, np.nan)
+            )
         rotation, translation = pose.rotation.matrix(), pose.translation
         centre = -rotation.T @ translation
     return PosedPhoto(image.name, images / image.name, lambda width, height: camera, rotation, centre)
@@ -150,7 +170,8 @@ def read_points(reconstruction: pycolmap.Reconstruction, model: Path) -> tuple[P
 
 
 def _as_photos_say(reconstruction: pycolmap.Reconstruction, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """PointTable.observers and .observed of the points with these ids (P,), ascending, from what the photos say of their features."""
+    """PointTable.observers and .observed of the points with these ids (P,), ascending,
+    from what the photos say of their features."""
     observers, observed = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for number, image in reconstruction.images.items():
         said = np.fromiter((feature.point3D_id for feature in image.get_observation_points2D()), ids.dtype)
@@ -162,27 +183,30 @@ def _as_photos_say(reconstruction: pycolmap.Reconstruction, ids: np.ndarray) -> 
 
 def _other_models(model: Path) -> list[Note]:
     others = ", ".join(folder.name for folder in _models_beside(model))
-    return [Note(f"{model.parent} holds other models as well ({others}); {model.name} is used: it has most photos.")] if others else []
+    if not others:
+        return []
+    return [Note(f"{model.parent} holds other models as well ({others}); {model.name} is used: it has most photos.")]
 
 
 def _bases(root: Path, model: Path) -> list[Path]:
-    """The folders in which the photos of the model, or folders of photos, may lie. The nearest comes first: farther ones may hold the originals of
-    undistorted photos."""
+    """The folders in which the photos of the model, or folders of photos, may lie. The nearest comes first: farther
+    ones may hold the originals of undistorted photos."""
     return [model.parent.parent if model.name.isdecimal() else model.parent, root]
 
 
 def _has_photos(root: Path, model: Path) -> bool:
-    """Whether there are photos for the model: COLMAP's workspaces also hold models without, beside the undistorted scenes made from them. Loose
-    pictures count as photos if they are at least half as many as the model has, otherwise as previews."""
+    """Whether there are photos for the model: COLMAP's workspaces also hold models without, beside the undistorted
+    scenes made from them. Loose pictures count as photos if they are at least half as many as the model has, otherwise
+    as previews."""
     bases, enough = _bases(root, model), max(1, photos_in_model(model) / 2)
     has_folder = any((base / name).is_dir() for base in bases for name in ("images", *SHRUNKEN, *ORIGINALS))
     return has_folder or any(len(list_photos(base)) >= enough for base in bases)
 
 
 def _images_folder(root: Path, model: Path, names: list[str]) -> Path:
-    """The first folder with at least half of the model's photos, or else the one with most: images/ or images_N/ in one of the bases, or a base
-    itself; input/ or photos/ only if none of these holds any. Half is enough so that the smaller copies are not used as soon as somebody takes
-    a photo out of images/.
+    """The first folder with at least half of the model's photos, or else the one with most: images/ or images_N/ in one
+    of the bases, or a base itself; input/ or photos/ only if none of these holds any. Half is enough so that the
+    smaller copies are not used as soon as somebody takes a photo out of images/.
     """
     bases = _bases(root, model)
     usual = [base / name for base in bases for name in ("images", *SHRUNKEN)] + bases

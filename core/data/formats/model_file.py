@@ -26,18 +26,20 @@ NEEDED, POINTS = ("cameras", "images"), "points3D"
 SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
 EMPTY_POINTS = {".bin": bytes(8), ".txt": b""}  # a file with no points
 POSE_BYTES = 7 * 8  # quaternion and translation
-# A point in a binary file. Its track follows: for each photo that sees it, the photo's id and the number of the feature.
+# A point in a binary file. Its track follows: for each photo that sees it, the photo's id and the number of the
+# feature.
 POINT = np.dtype([("id", "<u8"), ("position", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("photos", "<u8")])
 TRACK_COLUMN = 8  # of a point in text, after its id, place, colour and error
-# Numbers in text that are not finite, in the spellings of various programs, or too large; and a replacement that pycolmap can read but that is no
-# usable number. As it begins with a point, it is no valid id either.
+# Numbers in text that are not finite, in the spellings of various programs, or too large; and a replacement that
+# pycolmap can read but that is no usable number. As it begins with a point, it is no valid id either.
 NOT_FINITE, ENDLESS = re.compile(rb"(?i)(?<!\S)[+-]?(nan(\(\w*\))?|inf(inity)?|\d[\d.]*e\+?\d{3,})(?!\S)"), b".1e121"
 REFUSALS = (ValueError, IndexError, RuntimeError)  # of pycolmap
 
 
 @dataclass(frozen=True)
 class PointTable:
-    """The points of a model by ascending ids (P,), so that every run starts the same: positions (P, 3) float64, colours (P, 3) uint8.
+    """The points of a model by ascending ids (P,), so that every run starts the same:
+    positions (P, 3) float64, colours (P, 3) uint8.
 
     observers, observed: (N,) each, from the points' tracks: the id of an image, and the row of a point that it sees.
     """
@@ -66,7 +68,8 @@ def photos_in_model(folder: Path) -> int:
 
 
 def lacking_files(folder: Path) -> list[str]:
-    """The files that are missing from an incomplete COLMAP model in `folder`; none if it is complete, or if there is none."""
+    """The files that are missing from an incomplete COLMAP model in `folder`;
+    none if it is complete, or if there is none."""
     begun = [suffix for suffix in SUFFIXES if any(_has(folder, suffix, part) for part in (*NEEDED, POINTS))]
     lacking = ([part + suffix for part in NEEDED if not _has(folder, suffix, part)] for suffix in begun)
     return min(lacking, key=len, default=[])
@@ -79,9 +82,10 @@ def _has(folder: Path, suffix: str, *parts: str) -> bool:
 def read_model(folder: Path) -> pycolmap.Reconstruction:
     """The model in `folder`, binary (preferred) or text, with or without points.
 
-    Its rigs and frames are not read: the file of images has the same poses, and programs that change a model often change only that. If images
-    and points do not agree, as after photos were removed by hand, the model is read without tracks (which say which photos see a point). Raises
-    BadInput for files that are missing, truncated, damaged or not a model.
+    Its rigs and frames are not read: the file of images has the same poses, and programs that change a model often
+    change only that. If images and points do not agree, as after photos were removed by hand, the model is read without
+    tracks (which say which photos see a point). Raises BadInput for files that are missing, truncated, damaged or not a
+    model.
     """
     fix = "Copy the model again, or run COLMAP again."
     points = _points_file(folder)
@@ -110,15 +114,21 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
 
 
 def point_table(model: pycolmap.Reconstruction, folder: Path) -> PointTable:
-    """The points of the model that `read_model` read from this folder. A binary file is read again: pycolmap gives access to one point at a time."""
+    """The points of the model that `read_model` read from this folder.
+    A binary file is read again: pycolmap gives access to one point at a time."""
     file = _points_file(folder)
     if file is not None and file.suffix == ".bin":
         has_tracks = any(point.track.length() for point in model.points3D.values())
         points, observers = _points_and_observers(file.read_bytes() if has_tracks else _without_tracks(file))
     else:
-        rows = [(number, point.xyz, point.color, point.error, point.track.length()) for number, point in model.points3D.items()]
+        rows = [
+            (number, point.xyz, point.color, point.error, point.track.length())
+            for number, point in model.points3D.items()
+        ]
         points = np.array(rows, POINT)
-        observers = np.array([element.image_id for point in model.points3D.values() for element in point.track.elements], np.uint32)
+        observers = np.array(
+            [element.image_id for point in model.points3D.values() for element in point.track.elements], np.uint32
+        )
     order = np.argsort(points["id"])
     row_of = np.empty_like(order)
     row_of[order] = np.arange(len(order))
@@ -133,7 +143,8 @@ def _points_file(folder: Path) -> Path | None:
 
 
 def _read(folder: Path, suffix: str, points: Path | None) -> pycolmap.Reconstruction:
-    """The model of the files in `folder` with this suffix. If pycolmap refuses them, text is tried again `_mended`, then either without tracks.
+    """The model of the files in `folder` with this suffix.
+    If pycolmap refuses them, text is tried again `_mended`, then either without tracks.
 
     The files are read from a temporary folder: pycolmap demands all three, and reads whatever else lies beside them.
     """
@@ -171,14 +182,14 @@ def _replace(link: Path, content: bytes) -> None:
 
 
 def _mended(text: bytes) -> bytes:
-    """A text that pycolmap reads like the same model in binary: without the byte-order mark that Windows programs write, and with ENDLESS for numbers
-    that are not finite, which then spoil only their own point or photos."""
+    """A text that pycolmap reads like the same model in binary: without the byte-order mark that Windows programs
+    write, and with ENDLESS for numbers that are not finite, which then spoil only their own point or photos."""
     return NOT_FINITE.sub(ENDLESS, text.removeprefix(BOM_UTF8))
 
 
 def _names_with_spaces(path: Path) -> dict[int, str]:
-    """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. Raises BadInput if an image has one line in
-    place of two: pycolmap would skip every other image."""
+    """The names with spaces in an images.txt, by image id: pycolmap would read only their first words. Raises BadInput
+    if an image has one line in place of two: pycolmap would skip every other image."""
     names = {}
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         for line in file:
@@ -187,7 +198,10 @@ def _names_with_spaces(path: Path) -> dict[int, str]:
                 continue
             name, features = words[9].strip(), next(file, None)
             if features is None or is_pose(features):
-                raise BadInput(f"{path} gives {name} one line in place of two.", "Add the line of its features after it, which may be empty.")
+                raise BadInput(
+                    f"{path} gives {name} one line in place of two.",
+                    "Add the line of its features after it, which may be empty.",
+                )
             if " " in name:
                 names[int(words[0])] = name
     return names
@@ -204,7 +218,8 @@ def _without_tracks(path: Path) -> bytes:
 
 
 def _points_and_observers(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """The points (P,), each a POINT, in a whole binary file of them, and the image ids (N,) of their tracks, one track after the other."""
+    """The points (P,), each a POINT, in a whole binary file of them, and the image ids (N,) of their tracks,
+    one track after the other."""
     points, tracks, start = [], [], 8
     while start < len(data):
         track, end = start + POINT.itemsize, _end_of_point(data, start)
@@ -260,4 +275,5 @@ def _integer(data: bytes, position: int, kind: str) -> int:
     return struct.unpack_from("<" + kind, data, position)[0]
 
 
-RECORDS = {"cameras": _end_of_camera, "images": _end_of_image, "points3D": _end_of_point}  # of the files of a binary model
+# Of the files of a binary model.
+RECORDS = {"cameras": _end_of_camera, "images": _end_of_image, "points3D": _end_of_point}

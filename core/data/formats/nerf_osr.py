@@ -1,8 +1,9 @@
-"""NeRF-OSR folders, SITE/final/{train,validation,test}/{rgb,pose,intrinsics,mask}, and those of NeRF++, of the same layout.
+"""NeRF-OSR folders, SITE/final/{train,validation,test}/{rgb,pose,intrinsics,mask},
+and those of NeRF++, of the same layout.
 
-Source: the README and data reader of github.com/r00tman/NeRF-OSR (Rudnev et al. 2022), and nerfstudio's parser of the same data:
-text files of 16 numbers; pose leads from camera to world, with OpenCV axes; intrinsics are in px of the photo; masks are white
-where nothing moves.
+Source: the README and data reader of github.com/r00tman/NeRF-OSR (Rudnev et al. 2022), and nerfstudio's parser of the
+same data: text files of 16 numbers; pose leads from camera to world, with OpenCV axes; intrinsics are in px of the
+photo; masks are white where nothing moves.
 """
 
 import os
@@ -31,8 +32,8 @@ def find_nerf_osr(root: Path) -> Path | None:
 def read_nerf_osr(root: Path) -> Posed:
     """What the folders of `root` say: train/ is trained on; test/ is held out, or validation/ if test/ has no photos.
 
-    Text files and masks have the stem of their photo, also in subfolders; that of a mask may be the whole name (a.jpg.png). Raises BadInput if
-    train/ has no photos.
+    Text files and masks have the stem of their photo, also in subfolders; that of a mask may be the whole name
+    (a.jpg.png). Raises BadInput if train/ has no photos.
     """
     source = find_nerf_osr(root)
     if source is None:
@@ -46,12 +47,17 @@ def read_nerf_osr(root: Path) -> Posed:
     notes = [Note(f"{split}/ is not used: {held_out}/ is what is held out.", harmless=True) for split in unused]
     for split, found in photos.items():
         if split not in unused:
-            notes += name_them(f"with a pose missing in {source / split / 'rgb'}", _without_photo(source / split / "pose", found))
+            notes += name_them(
+                f"with a pose missing in {source / split / 'rgb'}", _without_photo(source / split / "pose", found)
+            )
     roles = {TRAINING: "train", held_out: "test"} if held_out else {TRAINING: None}
     used = [(split, place) for split in roles for place in photos[split]]
     several = len({place for _, place in used}) < len(used)
     posed, faults = [], Reasons()
-    masks = {split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")} for split in photos}
+    masks = {
+        split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")}
+        for split in photos
+    }
     for split, place in used:
         name = f"{split}/{place.as_posix()}" if several else place.as_posix()
         if not in_utf_8(name):

@@ -1,4 +1,5 @@
-"""Points for a transforms.json from the COLMAP model that nerfstudio made it of: unlike its .ply, that says which photo sees which point."""
+"""Points for a transforms.json from the COLMAP model that nerfstudio made it of:
+unlike its .ply, that says which photo sees which point."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,15 +14,20 @@ from core.data.posed import LARGEST_COORDINATE, Points, PosedPhoto
 from core.errors import BadInput
 from core.words import Note
 
-ALIKE = 0.01  # how far poses may be apart: in radians, and relative to the distance of the outermost camera from the middle of all
-LEAST_SPREAD = 1e-100  # of cameras: those that all stand in one place fit no others then, and nothing is divided by zero
+# How far poses may be apart: in radians, and relative to the distance of the outermost camera from the middle of all.
+ALIKE = 0.01
+# Of cameras: those that all stand in one place fit no others then, and nothing is divided by zero.
+LEAST_SPREAD = 1e-100
 
 
-def points_of_model(root: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]) -> tuple[Points | None, list[Note]]:
+def points_of_model(
+    root: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, int]
+) -> tuple[Points | None, list[Note]]:
     """The points of the COLMAP model below `root` in the frame of the photos, with which photo sees which; and notes.
 
-    image_ids: the model's ids of photos, by path; other photos are matched by name. Of several models, the largest that fits is used.
-    None if there is no model, or if it is damaged, has no points, lacks most of the photos or has them in other poses, as a note then says.
+    image_ids: the model's ids of photos, by path; other photos are matched by name. Of several models, the largest that
+    fits is used. None if there is no model, or if it is damaged, has no points, lacks most of the photos or has them in
+    other poses, as a note then says.
     """
     faults = []
     for model in nerfstudio_models(root):
@@ -39,7 +45,11 @@ def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, 
     if points is None:
         raise BadInput("it has no usable points.")
     names, _ = names_in(reconstruction)
-    posed = {name: posed_photo(reconstruction, image, model) for number, name in names.items() if (image := reconstruction.images[number]).has_pose}
+    posed = {
+        name: posed_photo(reconstruction, image, model)
+        for number, name in names.items()
+        if (image := reconstruction.images[number]).has_pose
+    }
     listed, _ = rows_that_mean((photo.path.as_posix() for photo in photos), set(posed))
     of_id = {path: names[number] for path, number in image_ids.items() if number in names}
     found = ((photo.name, of_id.get(photo.path) or listed.get(photo.path.as_posix())) for photo in photos)
@@ -49,7 +59,9 @@ def _points(model: Path, photos: Sequence[PosedPhoto], image_ids: Mapping[Path, 
     if positions is None:
         raise BadInput("its photos or poses are not those of the scene.")
     nothing = {photo.name: np.empty(0, np.int64) for photo in photos}
-    seen = points.seen and nothing | {ours: points.seen[theirs] for ours, theirs in named.items() if theirs in points.seen}
+    seen = points.seen and nothing | {
+        ours: points.seen[theirs] for ours, theirs in named.items() if theirs in points.seen
+    }
     return Points(positions, points.colours, seen), notes
 
 
@@ -72,5 +84,6 @@ def _moved(points: np.ndarray, pairs: Sequence[tuple[PosedPhoto, PosedPhoto]]) -
 
     reach = np.linalg.norm(wanted - wanted_middle, axis=1).max()
     astray = np.linalg.norm(move(centres) - wanted, axis=1).max()
-    turned = np.linalg.norm(rotations - turn, axis=(1, 2)).max()  # sqrt(2) times the angle between them, if that is small
+    # sqrt(2) times the angle between them, if that is small.
+    turned = np.linalg.norm(rotations - turn, axis=(1, 2)).max()
     return move(points) if astray < ALIKE * reach and turned < ALIKE * math.sqrt(2) else None

@@ -17,12 +17,15 @@ BRIGHTEST = 2.0  # floats up to this are taken to be in [0, 1]: colours computed
 def read_points_file(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Positions (P, 3) float64 and colours (P, 3) float32 in [0, 1] of a .ply in any of its three encodings.
 
-    Unsigned colours of 8 or 16 bits are divided by their type's largest value. Other integers, and floats if any is above BRIGHTEST, are
-    taken for 8 bits (0 to 255). Colours that are not finite become black. Raises BadInput for a file that cannot be read.
+    Unsigned colours of 8 or 16 bits are divided by their type's largest value. Other integers, and floats if any is
+    above BRIGHTEST, are taken for 8 bits (0 to 255). Colours that are not finite become black. Raises BadInput for a
+    file that cannot be read.
     """
     rows = read_rows(path, ".ply of points")
     if not _has_numbers(rows, PLACE):
-        raise BadInput(f"{path} has no numbers x, y and z.", "Write it again, or take it out of the scene's description.")
+        raise BadInput(
+            f"{path} has no numbers x, y and z.", "Write it again, or take it out of the scene's description."
+        )
     positions = np.stack([rows[name].astype(np.float64) for name in PLACE], axis=1)
     if not _has_numbers(rows, COLOUR):
         return positions, np.full(positions.shape, GREY, np.float32)

@@ -1,4 +1,5 @@
-"""Finds what is wrong with a COLMAP model in text, and in which line: pycolmap says neither. The columns are those of COLMAP's format.rst."""
+"""Finds what is wrong with a COLMAP model in text, and in which line: pycolmap says neither.
+The columns are those of COLMAP's format.rst."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +11,8 @@ import pycolmap
 from core.data.photos.distortion import MODELS
 from core.words import counted
 
-# The columns of each file. After them a camera has its parameters, a point its track, and an image a second line, of its features.
+# The columns of each file. After them a camera has its parameters, a point its track, and an image a second line, of
+# its features.
 CAMERA = ("CAMERA_ID", "MODEL", "WIDTH", "HEIGHT")
 IMAGE = ("IMAGE_ID", "QW", "QX", "QY", "QZ", "TX", "TY", "TZ", "CAMERA_ID", "NAME")
 FEATURE = ("X", "Y", "POINT3D_ID")

@@ -1,7 +1,8 @@
 """transforms.json of nerfstudio and Instant-NGP, and transforms_train.json with its siblings of NeRF's Blender scenes.
 
-Sources: nerfstudio's "Data conventions" page and the parser that it documents; Instant-NGP's docs/nerf_dataset_tips.md; the
-Blender scenes of NeRF (Mildenhall et al. 2020). Poses lead from camera to world, with OpenGL axes (x right, y up, z back).
+Sources: nerfstudio's "Data conventions" page and the parser that it documents; Instant-NGP's docs/nerf_dataset_tips.md;
+the Blender scenes of NeRF (Mildenhall et al. 2020). Poses lead from camera to world, with OpenGL axes (x right, y up, z
+back).
 """
 
 import json
@@ -31,9 +32,13 @@ BLENDER_FILES = {split: f"transforms_{split}.json" for split in ("train", "test"
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 FISHEYE = "OPENCV_FISHEYE"
 LENGTHS, ANGLES = {"fl_x", "fl_y"}, {"camera_angle_x", "camera_angle_y"}  # which say the focal length
-LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")  # in the order of nerfstudio's distortion_params, which may stand in their place
+# In the order of nerfstudio's distortion_params, which may stand in their place.
+LENS_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 TO_OPENCV = np.array([1.0, -1.0, -1.0])  # of the columns of a pose with OpenGL axes
-DYNAMIC_MASK = "whose dynamic_mask_*.png (Instant-NGP) is not used: invert it (white = use), name it as the photo, and give its folder to --masks"
+DYNAMIC_MASK = (
+    "whose dynamic_mask_*.png (Instant-NGP) is not used: "
+    "invert it (white = use), name it as the photo, and give its folder to --masks"
+)
 IN_VIEW = 0.5  # share of the points; if the cameras see less, the file is probably in another frame
 POINTS_ASKED = 10_000  # evenly spread, to find that out
 
@@ -65,7 +70,9 @@ def read_blender(root: Path) -> Posed:
     there = [root / BLENDER_FILES[split] for split in ("test", "val") if (root / BLENDER_FILES[split]).is_file()]
     for path in there:
         if held_out:
-            reading.notes.append(Note(f"{path.name} is not used: {holding_out.name} is what is held out.", harmless=True))
+            reading.notes.append(
+                Note(f"{path.name} is not used: {holding_out.name} is what is held out.", harmless=True)
+            )
         else:
             held_out, holding_out = reading.photos(path, _read_json(path, may_be_empty=True)), path
     both = {photo.path for photo in training} & {photo.path for photo in held_out}
@@ -78,7 +85,8 @@ def read_blender(root: Path) -> Posed:
 
 @dataclass
 class _Reading:
-    """Reads frames, and collects which could not be used and why. Photos are named by their whole paths until all are known."""
+    """Reads frames, and collects which could not be used and why.
+    Photos are named by their whole paths until all are known."""
 
     root: Path
     notes: list[Note] = field(default_factory=list)
@@ -118,7 +126,8 @@ class _Reading:
 
     def find(self, name: str) -> Path:
         """The file that a file_path means, relative to the root. Blender scenes omit the suffix."""
-        root = self.root.resolve() if os.pardir in Path(name).parts else self.root  # `..` leads out of the scene's folder, not out of a link to it
+        # `..` leads out of the scene's folder, not out of a link to it.
+        root = self.root.resolve() if os.pardir in Path(name).parts else self.root
         path = os.path.abspath(root / name)
         if is_file(path):
             return Path(path)
@@ -127,12 +136,14 @@ class _Reading:
         return Path(next((path + suffix for suffix in (".png", *SUFFIXES) if is_file(path + suffix)), path))
 
     def split_as_listed(self, source: Path, facts: dict, photos: list[PosedPhoto]) -> list[PosedPhoto]:
-        """The photos, split as the file's lists say; unchanged if it has none. Without train_filenames, all photos that are not held out are trained
-        on. Names may omit folder and suffix if they stay unambiguous."""
+        """The photos, split as the file's lists say; unchanged if it has none. Without train_filenames, all photos that
+        are not held out are trained on. Names may omit folder and suffix if they stay unambiguous."""
         lists = {split: facts[f"{split}_filenames"] for split in BLENDER_FILES if f"{split}_filenames" in facts}
         if not lists:
             return photos
-        if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()):
+        if not all(
+            isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists.values()
+        ):
             raise BadInput(f"{source} has a ..._filenames that is not a list of file names.", "Correct or remove it.")
         paths = {photo.path for photo in photos}
         rows, _ = rows_that_mean((path.as_posix() for path in paths), set().union(*lists.values()))
@@ -144,14 +155,18 @@ class _Reading:
         split = {path: "train" for path in given} | {path: "test" for path in held_out}
         self.notes += in_both("train_filenames", f"{testing}_filenames", [path.name for path in given & held_out])
         frameless, unlisted = split.keys() - paths, paths - split.keys()
-        self.notes += name_them(f"listed in {source.name} without a usable frame", sorted(path.name for path in frameless))
-        self.notes += name_them("listed neither for training nor for testing, not used", sorted(path.name for path in unlisted))
+        self.notes += name_them(
+            f"listed in {source.name} without a usable frame", sorted(path.name for path in frameless)
+        )
+        self.notes += name_them(
+            "listed neither for training nor for testing, not used", sorted(path.name for path in unlisted)
+        )
         return [replace(photo, split=split[photo.path]) for photo in photos if photo.path in split]
 
     def points(self, facts: dict, photos: list[PosedPhoto]) -> Points | None:
-        """The points of nerfstudio's COLMAP model or else of ply_file_path, or None. The latter are in the frame of the poses:
-        applied_transform has been applied to both. (Older versions of nerfstudio did not apply it to points, so there is a check that the
-        cameras see them.)"""
+        """The points of nerfstudio's COLMAP model or else of ply_file_path, or None. The latter are in the frame of the
+        poses: applied_transform has been applied to both. (Older versions of nerfstudio did not apply it to points, so
+        there is a check that the cameras see them.)"""
         points, notes = points_of_model(self.root, photos, self.image_ids)
         self.notes += notes
         if points is not None:
@@ -178,8 +193,8 @@ class _Reading:
         return Points(positions[good], colours[good], None)
 
     def posed(self, kind: str, source: Path, facts: dict, photos: list[PosedPhoto]) -> Posed:
-        """All that was read, with the points. Photos are named by paths below their common folder, or by whole paths if there is none
-        (drives of Windows)."""
+        """All that was read, with the points. Photos are named by paths below their common folder,
+        or by whole paths if there is none (drives of Windows)."""
         folder = self.root
         with suppress(ValueError):
             folder = Path(os.path.commonpath([photo.path.parent for photo in photos]))
@@ -190,7 +205,8 @@ class _Reading:
                 if not in_utf_8(photo.name):
                     self.faults.add("whose name is not in UTF-8, not used", photo.name)
             photos = [photo for photo in photos if in_utf_8(photo.name)]
-        anew = SHRUNKEN if not any(is_file(photo.path) for photo in photos) else ()  # else what was taken out would come back
+        # Else what was taken out would come back.
+        anew = SHRUNKEN if not any(is_file(photo.path) for photo in photos) else ()
         photos, found = with_files_found(photos, [self.root / name for name in ("images", ".", *anew)])
         missing_words = f"of {list_names(self.sources)} missing in {folder}"
         fix = f"Put the photos where its file_path says, or correct {source.name}."
@@ -206,8 +222,8 @@ class _Lens:
 
     @staticmethod
     def of(facts: dict, frame: dict) -> "_Lens":
-        """The lens of a frame. facts: those at the top of the file, which the frame's own override; an angle in the frame also overrides a focal
-        length there, and the other way round."""
+        """The lens of a frame. facts: those at the top of the file, which the frame's own override; an angle in the
+        frame also overrides a focal length there, and the other way round."""
         for own, others in ((ANGLES, LENGTHS), (LENGTHS, ANGLES)):
             if own & frame.keys():
                 facts = {name: value for name, value in facts.items() if name not in others}

@@ -1,5 +1,7 @@
 """Lens distortion: any COLMAP camera model, turned into the pinhole picture that the engine works with."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pycolmap
@@ -25,7 +27,9 @@ TURNS = {
 
 def lens_of(camera: pycolmap.Camera, orientation: int = 1) -> Lens:
     """The camera's lens; orientation as in Lens."""
-    return Lens(camera.model_name, int(camera.width), int(camera.height), [float(value) for value in camera.params], orientation)
+    return Lens(
+        camera.model_name, int(camera.width), int(camera.height), [float(value) for value in camera.params], orientation
+    )
 
 
 def colmap_camera(lens: Lens) -> pycolmap.Camera:
@@ -34,7 +38,8 @@ def colmap_camera(lens: Lens) -> pycolmap.Camera:
 
 
 def usable(camera: pycolmap.Camera) -> bool:
-    """Whether the camera (not a panorama) has a positive size, and parameters up to LARGEST_PX with positive focal lengths."""
+    """Whether the camera (not a panorama) has a positive size,
+    and parameters up to LARGEST_PX with positive focal lengths."""
     if min(camera.width, camera.height) < 1 or not (np.abs(camera.params) < LARGEST_PX).all():  # so that NaN fails it
         return False
     return min(camera.focal_length_x, camera.focal_length_y) > 0
@@ -59,12 +64,14 @@ def is_pinhole(camera: pycolmap.Camera) -> bool:
 
 
 def folds_over(camera: pycolmap.Camera) -> bool:
-    """Whether no ray leads to some pixel of the photo, because the lens formula folds over before it; tested along the edge."""
+    """Whether no ray leads to some pixel of the photo, because the lens formula folds over before it;
+    tested along the edge."""
     along = np.linspace(0, 1, 17)
     edge = np.concatenate([np.column_stack([along, np.full(17, side)]) for side in (0, 1)])
     pixels: np.ndarray = np.concatenate([edge, edge[:, ::-1]]) * (camera.width, camera.height)
     directions: np.ndarray = np.column_stack([camera.cam_from_img(pixels), np.ones(len(pixels))])
-    return not bool((np.linalg.norm(camera.img_from_cam(directions) - pixels, axis=1) < ROUND_TRIP_PX).all())  # True for NaN
+    # True for NaN.
+    return not bool((np.linalg.norm(camera.img_from_cam(directions) - pixels, axis=1) < ROUND_TRIP_PX).all())
 
 
 def pinhole(camera: pycolmap.Camera, width: int, height: int) -> tuple[float, float, float, float]:
@@ -95,9 +102,9 @@ def turned(camera: Camera, orientation: int) -> Camera:
 def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """The picture that `camera` (a pinhole, at the size wanted) sees in a distorted one, and where it is valid.
 
-    pixels: (h, w, channels) uint8 at any size of the lens's aspect; stored, not displayed, where the lens has an orientation
-    other than 1. Returns (H, W, channels) uint8 and (H, W) bool. Bicubic, as bilinear would blur twice together with
-    the resizing that follows.
+    pixels: (h, w, channels) uint8 at any size of the lens's aspect; stored, not displayed, where the lens has an
+    orientation other than 1. Returns (H, W, channels) uint8 and (H, W) bool. Bicubic, as bilinear would blur twice
+    together with the resizing that follows.
     """
     height, width = pixels.shape[:2]
     turn = TURNS[lens.orientation]
@@ -106,12 +113,14 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
     focal = np.array([camera.fx, camera.fy])
 
     def followed(wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rays (N, 3) of these pixels (N, 2), in the lens's axes, and the pixels (N, 2) at which the lens shows them."""
+        """The rays (N, 3) of these pixels (N, 2), in the lens's axes, and the pixels (N,
+        2) at which the lens shows them."""
         directions = rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
         return directions, model.img_from_cam(directions)
 
     def off_px(directions: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """How far (px) the rays that the lens formula gives for the pixels `seen` are from the rays that led to these."""
+        """How far (px) the rays that the lens formula gives for the pixels
+        `seen` are from the rays that led to these."""
         return np.linalg.norm((model.cam_from_img(seen) - directions[:, :2]) * focal, axis=1)
 
     x, y = np.meshgrid(np.linspace(0, camera.width, NODES), np.linspace(0, camera.height, NODES))
@@ -130,12 +139,10 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
         source = np.clip(np.nan_to_num(source - 0.5), -2, max(width, height) + 2).astype(np.float32)
         block = slice(top, top + x.shape[0])
         source = source.reshape(*x.shape, 2)
-        fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))  # as many channels as OpenCV remaps at once
-        found = [
-            cv2.remap(four, source, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]  # stubs want two maps
-            for four in fours
-        ]
-        picture[block] = np.dstack(found)
+        # As many channels as OpenCV remaps at once.
+        fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))
+        how: dict[str, Any] = {"map2": None, "interpolation": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REPLICATE}
+        picture[block] = np.dstack([cv2.remap(four, source, **how) for four in fours])
         valid[block] = inside.reshape(x.shape)
     return picture, valid
 

@@ -1,4 +1,5 @@
-"""What a photo file says about itself without being decoded: its size, its EXIF rotation, its colour profile, whether it is whole."""
+"""What a photo file says about itself without being decoded:
+its size, its EXIF rotation, its colour profile, whether it is whole."""
 
 import logging
 import mmap
@@ -31,12 +32,23 @@ Image.MAX_IMAGE_PIXELS = 1 << 29  # more than twice that are an attack to Pillow
 warnings.filterwarnings("ignore", module=r"PIL\.")  # what is wrong with a photo is said here, once
 logging.getLogger("PIL").setLevel(logging.CRITICAL)
 
-# Those of Pillow's formats that photos have. Others are not recognised by their first bytes, or run a program, as EPS does.
+# Those of Pillow's formats that photos have. Others are not recognised by their first bytes, or run a program, as EPS
+# does.
 FORMATS, FORMATS_IN_BOXES = ("JPEG", "PNG", "WEBP", "TIFF", "BMP", "JPEG2000", "GIF", "PPM"), ("HEIF", "AVIF")
 UNKNOWN = "is not a photo that can be read"
 TRUNCATED = "ends before its picture does (truncated)"
 # What Pillow's decoders raise for a file that is damaged or coded in another way.
-FAULTS = (OSError, ValueError, LookupError, EOFError, SyntaxError, RuntimeError, TypeError, struct.error, Image.DecompressionBombError)
+FAULTS = (
+    OSError,
+    ValueError,
+    LookupError,
+    EOFError,
+    SyntaxError,
+    RuntimeError,
+    TypeError,
+    struct.error,
+    Image.DecompressionBombError,
+)
 SCAN, END = b"\xff\xda", b"\xff\xd9"  # markers of a JPEG
 BOXES = (b"ftyp", b"meta", b"mdat", b"free", b"skip", b"moov")
 LONG = b"\0\0\0\1"  # in place of a box's size, which then follows
@@ -91,7 +103,8 @@ def named_with_fault(name: str, path: Path, problem: BadInput) -> str:
 
 
 def probe(path: Path) -> Header:
-    """The header of a photo. In formats whose structure does not show whether a file is whole, the picture is decoded, too.
+    """The header of a photo. In formats whose structure does not show whether a file is whole,
+    the picture is decoded, too.
 
     Raises BadInput for a file that is missing, empty, truncated or not a photo.
     """
@@ -103,9 +116,11 @@ def probe(path: Path) -> Header:
 
 @contextmanager
 def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
-    """The header of a photo file and its picture, not decoded yet; whatever decoding raises in the block becomes BadInput.
+    """The header of a photo file and its picture, not decoded yet;
+    whatever decoding raises in the block becomes BadInput.
 
-    Raises BadInput like `probe`: a truncated JPEG would be decoded with its lower part grey, and a truncated HEIF might end the program.
+    Raises BadInput like `probe`: a truncated JPEG would be decoded with its lower part grey,
+    and a truncated HEIF might end the program.
     """
     try:
         with open(path, "rb") as file:
@@ -146,7 +161,8 @@ def _is_misread(picture: Image.Image) -> bool:
 
 
 def _header(data: mmap.mmap, picture: Image.Image) -> Header:
-    """Pillow turns HEIF and TIFF upright when it decodes them, and reports the size of a TIFF as displayed even before that."""
+    """Pillow turns HEIF and TIFF upright when it decodes them,
+    and reports the size of a TIFF as displayed even before that."""
     if isinstance(picture, TiffImageFile):
         size = picture.size[::-1] if swaps_sides(picture.tag_v2.get(ORIENTATION, 1)) else picture.size
         return Header("TIFF", *size, _orientation(picture.getexif()), b"", _profile(picture))
@@ -176,7 +192,8 @@ def tags_of(exif: bytes) -> Image.Exif:
 
 
 def upright_exif(exif: bytes) -> bytes:
-    """The EXIF block, focal length and all, of a photo whose pixels have been turned upright; empty if it is too long for a JPEG."""
+    """The EXIF block, focal length and all, of a photo whose pixels have been turned upright;
+    empty if it is too long for a JPEG."""
     tags = tags_of(exif)
     tags[ORIENTATION] = 1
     try:
@@ -193,7 +210,8 @@ def _profile(picture: Image.Image) -> bytes:
 
 @lru_cache(maxsize=64)  # photos of one camera have the same
 def _changes_colours(profile: bytes) -> bool:
-    """Whether colours of this profile differ from sRGB's, tried out because its name does not tell. False if broken; True if for grey or CMYK."""
+    """Whether colours of this profile differ from sRGB's, tried out because its name does not tell.
+    False if broken; True if for grey or CMYK."""
     try:
         known = ImageCms.getOpenProfile(BytesIO(profile))
     except ImageCms.PyCMSError:
@@ -205,7 +223,8 @@ def _changes_colours(profile: bytes) -> bool:
 
 
 def _jpeg_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
-    """Whether an end marker follows the start of the first scan. Within scans FF comes before 00 or a restart marker, and thumbnails before scans."""
+    """Whether an end marker follows the start of the first scan.
+    Within scans FF comes before 00 or a restart marker, and thumbnails before scans."""
     position = 2
     while (marker := data[position : position + 2]) != SCAN and len(marker) == 2:
         stray = marker[0] != 0xFF or marker[1] in (0x00, 0xFF)
@@ -225,7 +244,11 @@ def _tiff_is_whole(data: mmap.mmap, picture: Image.Image) -> bool:
     """Whether it holds all strips or tiles of its picture."""
     assert isinstance(picture, TiffImageFile)
     places = zip((STRIPOFFSETS, TILEOFFSETS), (STRIPBYTECOUNTS, TILEBYTECOUNTS), strict=True)
-    parts = [part for starts, lengths in places for part in zip(picture.tag_v2.get(starts, ()), picture.tag_v2.get(lengths, ()), strict=True)]
+    parts = [
+        part
+        for starts, lengths in places
+        for part in zip(picture.tag_v2.get(starts, ()), picture.tag_v2.get(lengths, ()), strict=True)
+    ]
     return bool(parts) and all(start + length <= len(data) for start, length in parts)
 
 

@@ -6,10 +6,12 @@ from jaxtyping import Bool, UInt8
 
 
 def fill(pixels: UInt8[np.ndarray, "h w 3"], use: Bool[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
-    """The photo where `use` is True (bit for bit), and a smooth continuation of it elsewhere; `use` must be True somewhere.
+    """The photo where `use` is True (bit for bit), and a smooth continuation of it elsewhere;
+    `use` must be True somewhere.
 
-    Pull-push (Gortler et al. 1996, The Lumigraph, section 3.4): known colours are averaged down to a single pixel, and holes
-    are filled on the way back from the coarser level. Time is linear in the number of pixels, however large the holes.
+    Pull-push (Gortler et al. 1996, The Lumigraph, section 3.4): known colours are averaged down to a single pixel, and
+    holes are filled on the way back from the coarser level. Time is linear in the number of pixels, however large the
+    holes.
     """
     weights: list[np.ndarray] = [use.astype(np.float32)]
     colours: list[np.ndarray] = [pixels * weights[0][..., None]]

@@ -9,7 +9,22 @@ from core.data.made import digest, is_of_wegs, names_wegs
 from core.errors import BadInput, command
 from core.words import list_names
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".jp2", ".jfif", ".jpe", ".heic", ".heif", ".hif", ".avif")
+SUFFIXES = (
+    ".jpg",
+    ".jpeg",
+    ".png",
+    ".webp",
+    ".tif",
+    ".tiff",
+    ".bmp",
+    ".jp2",
+    ".jfif",
+    ".jpe",
+    ".heic",
+    ".heif",
+    ".hif",
+    ".avif",
+)
 # Formats of cameras and phones that cannot be read; no .gif is a photo.
 UNREADABLE_SUFFIXES = (
     ".jxl", ".gif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw",
@@ -40,7 +55,8 @@ def _list_files(folder: Path, suffixes: tuple[str, ...], chosen: Callable[[Path]
 
 
 def copies_among(paths: Iterable[Path]) -> dict[Path, Path]:
-    """Each file that equals an earlier one of `paths` byte for byte -> that one. Only files with the same start are read to the end."""
+    """Each file that equals an earlier one of `paths` byte for byte -> that one.
+    Only files with the same start are read to the end."""
     copies: dict[Path, Path] = {}
     for same_size in _alike(paths, lambda path: path.stat().st_size):
         for same_start in _alike(same_size, lambda path: digest(path, START_BYTES)):
@@ -59,7 +75,8 @@ def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Pa
 
 
 def no_photos(folder: Path, what: str = "no photos") -> BadInput:
-    """The error for a folder without photos, which says what the folder holds instead. what: what is missing, in words."""
+    """The error for a folder without photos, which says what the folder holds instead.
+    what: what is missing, in words."""
     name = folder.resolve() if folder == Path() else folder
     if others := list_unreadable(folder):
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
@@ -69,13 +86,18 @@ def no_photos(folder: Path, what: str = "no photos") -> BadInput:
     if below := photos_below(folder):
         most_first = [str(inner.relative_to(folder)) for inner in sorted(below, key=below.__getitem__, reverse=True)]
         if len(most_first) == 1:
-            return BadInput(f"{name} holds {what}; there are photos in its folder {most_first[0]}.", "Name that folder.")
+            return BadInput(
+                f"{name} holds {what}; there are photos in its folder {most_first[0]}.", "Name that folder."
+            )
         fix = "Put all photos into one folder, or name one of these."
         return BadInput(f"{name} holds {what}; there are photos in its folders {list_names(most_first)}.", fix)
     if runs := sorted(path for path in folder.iterdir() if names_wegs(path)):
         return BadInput(f"{name} holds {what}, but runs such as {runs[0]}.", "Give the folder that holds your photos.")
     if gone := list_gone(folder):
-        return BadInput(f"{name} holds only links to photos that are gone, such as {gone[0].name}.", "Connect their disk, or copy the photos.")
+        return BadInput(
+            f"{name} holds only links to photos that are gone, such as {gone[0].name}.",
+            "Connect their disk, or copy the photos.",
+        )
     if videos := _list_files(folder, VIDEO_SUFFIXES):
         return BadInput(f"{name} holds only videos.", take_pictures_out(videos[0]))
     return BadInput(f"{name} holds {what}.", "Give the folder that holds your photos.")
@@ -93,10 +115,16 @@ def photos_below(folder: Path) -> dict[Path, int]:
 
 
 def folders_below(folder: Path, levels: int = LEVELS) -> Iterator[Path]:
-    """Subfolders by name, each followed by its own; without hidden ones, those that wegs wrote, and those that cannot be listed."""
+    """Subfolders by name, each followed by its own;
+    without hidden ones, those that wegs wrote, and those that cannot be listed."""
     with suppress(OSError):
         for path in sorted(folder.iterdir()):
-            if path.is_dir() and os.access(path, os.R_OK | os.X_OK) and not path.name.startswith(".") and not is_of_wegs(path):
+            if (
+                path.is_dir()
+                and os.access(path, os.R_OK | os.X_OK)
+                and not path.name.startswith(".")
+                and not is_of_wegs(path)
+            ):
                 yield path
                 if levels > 1:
                     yield from folders_below(path, levels - 1)

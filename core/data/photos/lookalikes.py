@@ -1,4 +1,5 @@
-"""Whether two photo files hold the same picture in another size, format or quality, as happens in collections from the web."""
+"""Whether two photo files hold the same picture in another size, format or quality,
+as happens in collections from the web."""
 
 from dataclasses import dataclass
 from math import log
@@ -11,10 +12,10 @@ SIDE, DETAIL_SIDE = 32, 128  # of the thumbnails that are compared: colours, and
 SMOOTH = 9  # side of the square of which that is the mean
 TILES = 8  # a side: the detail has to agree in each of them
 FLAT = 3.0  # root mean square of a tile's detail, in 8-bit steps, below which the tile is ignored
-# How far colours may differ (root mean square over their standard deviation), and how well detail has to correlate in every tile. Real photos stored
-# again at half their size, or at JPEG quality 30, differ by 0.05 at most and correlate by 0.8 or more; two of Liberty, Sacré-Cœur, Fountain or
-# Kermit differ by 0.2 or more and do not correlate. By detail alone, a place in two lights would be the same picture; by colours alone, a column
-# seen from two sides.
+# How far colours may differ (root mean square over their standard deviation), and how well detail has to correlate in
+# every tile. Real photos stored again at half their size, or at JPEG quality 30, differ by 0.05 at most and correlate
+# by 0.8 or more; two of Liberty, Sacré-Cœur, Fountain or Kermit differ by 0.2 or more and do not correlate. By detail
+# alone, a place in two lights would be the same picture; by colours alone, a column seen from two sides.
 SAME_COLOURS, SAME_DETAIL = 0.1, 0.75
 BLOCKS = 8  # a side: if the mean colours of the blocks are already too far apart, the pixels need not be compared
 ROUNDING = 1.001  # of sums in float32
@@ -72,7 +73,8 @@ class Pictures:
         self._blocks = np.empty((0, BLOCKS * BLOCKS * 3), np.float32)
 
     def meet(self, name: str, pixels: np.ndarray) -> str | None:
-        """The name under which this picture was met before; None for a new one, which is remembered. pixels: as for `Thumbnail.of`."""
+        """The name under which this picture was met before; None for a new one, which is remembered.
+        pixels: as for `Thumbnail.of`."""
         thumbnail = Thumbnail.of(pixels)
         blocks = thumbnail.block_colours()
         near = np.square(self._blocks - blocks).mean(axis=1) < ROUNDING * thumbnail.colours_slack()

@@ -10,7 +10,8 @@ from core.data.photos.folder import SUFFIXES
 
 
 def names_without_suffixes(name: str) -> list[str]:
-    """What a photo may be called: its name, its name without the suffix, and, as structure from motion makes a.png.jpg of a.png, without both."""
+    """What a photo may be called: its name, its name without the suffix, and,
+    as structure from motion makes a.png.jpg of a.png, without both."""
     stem = without_suffix(name)
     return [name, stem, *([without_suffix(stem)] if Path(stem).suffix.lower() in SUFFIXES else [])]
 
@@ -33,8 +34,9 @@ def without_suffix(name: str) -> str:
 def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
     """For each photo that a list names, the row that means it; and each row that fits several photos, with these.
 
-    A row means a photo if it is the photo's name or the end of its path, with or without the suffix, or if it is the only longer path that ends
-    in the photo's name. The rows and photos that remain are then compared without regard to case.
+    A row means a photo if it is the photo's name or the end of its path, with or without the suffix, or if it is the
+    only longer path that ends in the photo's name. The rows and photos that remain are then compared without regard to
+    case.
     """
     names = set(names)
     rows, unclear = _rows_spelt_alike(names, listed, composed)
@@ -43,7 +45,9 @@ def rows_that_mean(names: Iterable[str], listed: set[str]) -> tuple[dict[str, st
     return rows | more, unclear | still_unclear
 
 
-def _rows_spelt_alike(names: Iterable[str], listed: set[str], spelt: Callable[[str], str]) -> tuple[dict[str, str], dict[str, list[str]]]:
+def _rows_spelt_alike(
+    names: Iterable[str], listed: set[str], spelt: Callable[[str], str]
+) -> tuple[dict[str, str], dict[str, list[str]]]:
     """As `rows_that_mean`, where names are equal if `spelt` makes the same of them."""
     exact = {spelt(row): row for row in sorted(listed)}
     longer: dict[str, list[str]] = {}
@@ -60,7 +64,11 @@ def _rows_spelt_alike(names: Iterable[str], listed: set[str], spelt: Callable[[s
     rows, unclear = {}, {}
     for row, those in fitting.items():
         form = spelt(row)
-        exactly = [name for name in those if spelt(name) == form] or [name for name in those if spelt(without_suffix(name)) == form] or those
+        exactly = (
+            [name for name in those if spelt(name) == form]
+            or [name for name in those if spelt(without_suffix(name)) == form]
+            or those
+        )
         if len(exactly) == 1:
             rows[exactly[0]] = row
         else:
@@ -80,17 +88,19 @@ def is_file(path: Path | str) -> bool:
 
 
 def relative_path(name: str) -> Path:
-    """A photo's name as a path that stays inside the folder that it is joined to: some models name photos by whole paths, or with `..`.
+    """A photo's name as a path that stays inside the folder that it is joined to:
+    some models name photos by whole paths, or with `..`.
 
-    Of an absolute path only the file name is kept; on Windows, also of one with only a drive or a root, which would replace the folder.
+    Of an absolute path only the file name is kept;
+    on Windows, also of one with only a drive or a root, which would replace the folder.
     """
     path = Path(name.replace("\\", "/"))  # some were written on Windows
     return Path(path.name) if path.anchor else Path(*(part for part in path.parts if part != ".."))
 
 
 def png_paths(names: Iterable[str]) -> dict[str, Path]:
-    """A PNG's relative path for each of these photos, no two alike: a/0001.png for a/0001.jpg, or a/0001.jpg.png where there is an
-    a/0001.webp as well; numbered where that is not enough."""
+    """A PNG's relative path for each of these photos, no two alike: a/0001.png for a/0001.jpg, or a/0001.jpg.png where
+    there is an a/0001.webp as well; numbered where that is not enough."""
     paths = {name: relative_path(name) for name in names}
     sharing = Counter(path.with_suffix(".png") for path in paths.values())
     taken: dict[Path, str] = {}

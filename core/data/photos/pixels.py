@@ -28,9 +28,11 @@ MEANING = "White (255) marks what is to be used, black what is not."  # in a mas
 
 @dataclass(frozen=True)
 class LoadedPhoto:
-    """What a photo's file shows. pixels: (h, w, 3) uint8 RGB. valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
+    """What a photo's file shows. pixels: (h, w, 3) uint8 RGB.
+    valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
 
-    empty: (h, w) uint8, how much of each pixel is empty space, shown as white: 255 all of it; None where nothing is empty.
+    empty: (h, w) uint8, how much of each pixel is empty space, shown as white: 255 all of it;
+    None where nothing is empty.
     """
 
     pixels: np.ndarray
@@ -44,20 +46,25 @@ def read_pixels(path: Path) -> np.ndarray:
 
 
 def read_pixels_and_alpha(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """A photo as displayed, EXIF rotation applied: (H, W, 3) uint8 RGB; and its alpha, (H, W) uint8, None where all of it is opaque.
+    """A photo as displayed, EXIF rotation applied: (H, W, 3) uint8 RGB;
+    and its alpha, (H, W) uint8, None where all of it is opaque.
 
-    Grey, 16-bit (to within one 8-bit step; taken for 8-bit if no value is above 255), palette and CMYK photos are converted; transparent pixels
-    are shown over white, as viewers show them. Raises BadInput for what is missing, truncated or no photo.
+    Grey, 16-bit (to within one 8-bit step; taken for 8-bit if no value is above 255), palette and CMYK photos are
+    converted; transparent pixels are shown over white, as viewers show them. Raises BadInput for what is missing,
+    truncated or no photo.
     """
     header, pixels, alpha = read_stored(path)
-    return upright(_over_white(pixels, alpha), header.orientation), None if alpha is None else upright(alpha, header.orientation)
+    return upright(_over_white(pixels, alpha), header.orientation), None if alpha is None else upright(
+        alpha, header.orientation
+    )
 
 
 def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
-    """A photo for its light alone: as `read_pixels`, but what is transparent or hidden by a mask is filled with the colours around it.
+    """A photo for its light alone: as `read_pixels`,
+    but what is transparent or hidden by a mask is filled with the colours around it.
 
-    mask: a picture, white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk. Raises BadInput
-    as `read_pixels`, and if nothing of the photo is left.
+    mask: a picture, white where the photo is to be used. A JPEG of more than twice LIGHT_PX a side may come shrunk.
+    Raises BadInput as `read_pixels`, and if nothing of the photo is left.
     """
     header, pixels, alpha = read_stored(path, (LIGHT_PX, LIGHT_PX))
     pixels = upright(pixels, header.orientation)
@@ -70,15 +77,17 @@ def read_light(path: Path, mask: Path | None = None) -> np.ndarray:
 def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool = False) -> LoadedPhoto:
     """A photo of a collection, undistorted, at `width` x `height` px: what photo.camera.resized(width, height) sees.
 
-    A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the lens did not see
-    them, if they are noticeably transparent, or if the photo's mask hides them; those of the last two kinds are filled with the colours around.
-    transparent_is_empty: transparent pixels are valid, and count as empty space. Raises BadInput like `read_pixels`.
+    A JPEG much larger than that is decoded at 1/2, 1/4 or 1/8. Shrinking averages over areas. Pixels are invalid if the
+    lens did not see them, if they are noticeably transparent, or if the photo's mask hides them; those of the last two
+    kinds are filled with the colours around. transparent_is_empty: transparent pixels are valid, and count as empty
+    space. Raises BadInput like `read_pixels`.
     """
     header, pixels, alpha = read_stored(photo.path, (width, height))
     pixels = _over_white(pixels, alpha)
     valid = None if alpha is None or transparent_is_empty else alpha >= OPAQUE
     if transparent_is_empty and alpha is not None:
-        pixels = np.dstack([pixels, 255 - alpha])  # a fourth channel, to be turned, undistorted and resized with the colours
+        # A fourth channel, to be turned, undistorted and resized with the colours.
+        pixels = np.dstack([pixels, 255 - alpha])
     if photo.mask is not None:
         displayed = pixels.shape[:2] if swaps_sides(header.orientation) else pixels.shape[1::-1]
         use = as_stored(_read_given_mask(photo.mask, displayed, photo.camera), header.orientation)
@@ -103,14 +112,15 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
 def read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
     """(H, W) bool: where the mask of a photo is white, resized to the photo's `size` (as displayed) by nearest pixel.
 
-    Transparent pixels are not white: many programs save selections so. Where the file is a photo with its background cut out, its transparency
-    is the mask. Raises BadInput like `read_pixels`, and for a mask that is grey or coloured.
+    Transparent pixels are not white: many programs save selections so. Where the file is a photo with its background
+    cut out, its transparency is the mask. Raises BadInput like `read_pixels`, and for a mask that is grey or coloured.
     """
     return cv2.resize(_white_in(path), size, interpolation=cv2.INTER_NEAREST_EXACT) > 0
 
 
 def _read_given_mask(mask: GivenMask, size: tuple[int, int], camera: Camera) -> np.ndarray:
-    """As `read_mask`, of the photo that `camera` took. A mask with a lens is undistorted as the photo was, and all is used beyond its edges."""
+    """As `read_mask`, of the photo that `camera` took.
+    A mask with a lens is undistorted as the photo was, and all is used beyond its edges."""
     if mask.lens is None:
         return read_mask(mask.path, size)
     found, seen = distortion.undistort(255 * _white_in(mask.path)[..., None], mask.lens, camera.resized(*size))
@@ -162,8 +172,8 @@ def _over_white(pixels: np.ndarray, alpha: np.ndarray | None) -> np.ndarray:
 
 
 def off_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """The inverse of `_over_white`: the colours (H, W, 3) uint8 that with this `alpha`, (H, W) uint8, look like `pixels` over white; arbitrary where
-    alpha is 0."""
+    """The inverse of `_over_white`: the colours (H, W, 3) uint8 that with this `alpha`, (H, W) uint8, look like
+    `pixels` over white; arbitrary where alpha is 0."""
     share = np.maximum(alpha, 1)[..., None].astype(np.float32) / 255
     return np.rint(255 - (255 - pixels) / share).clip(0, 255).astype(np.uint8)
 
@@ -171,7 +181,8 @@ def off_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 def _undistort(
     pixels: np.ndarray, valid: np.ndarray | None, lens: Lens, camera: Camera, header: Header, wanted: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stored pixels -> the pinhole picture that `camera` sees, as displayed, at up to OVERSAMPLING times the size `wanted`, and where it is valid."""
+    """Stored pixels -> the pinhole picture that `camera` sees, as displayed,
+    at up to OVERSAMPLING times the size `wanted`, and where it is valid."""
     channels, layers = pixels.shape[2], [pixels] if valid is None else [pixels, valid * np.uint8(255)]
     most = tuple(OVERSAMPLING * side for side in (wanted[::-1] if swaps_sides(header.orientation) else wanted))
     if pixels.shape[1] > most[0] and pixels.shape[0] > most[1]:

@@ -18,8 +18,8 @@ FILL = 128  # what a JPEG decoder paints where the data ran out
 def read_stored(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Header, np.ndarray, np.ndarray | None]:
     """The header, pixels as stored (H, W, 3) uint8 RGB, and alpha (H, W) uint8, None where all of it is opaque.
 
-    Colours of an ICC profile become those of sRGB. A JPEG may come shrunk, but not below `wanted` (width, height as displayed).
-    Raises BadInput for what is missing, truncated or no photo.
+    Colours of an ICC profile become those of sRGB. A JPEG may come shrunk, but not below `wanted` (width, height as
+    displayed). Raises BadInput for what is missing, truncated or no photo.
     """
     with opened(path) as (header, picture):
         factor = reduction(header, wanted)
@@ -36,7 +36,10 @@ def read_stored(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Head
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if header.kind == "TIFF":  # which Pillow has turned upright
-        pixels, alpha = as_stored(pixels, header.orientation), None if alpha is None else as_stored(alpha, header.orientation)
+        pixels, alpha = (
+            as_stored(pixels, header.orientation),
+            None if alpha is None else as_stored(alpha, header.orientation),
+        )
     return header, pixels, alpha
 
 
@@ -72,7 +75,8 @@ def reduction(header: Header, wanted: tuple[int, int] | None) -> int:
 
 
 def _runs_out(picture: Image.Image) -> bool:
-    """Whether the last row has the decoder's grey: the data ran out, although there is an end marker, as some servers append one."""
+    """Whether the last row has the decoder's grey:
+    the data ran out, although there is an end marker, as some servers append one."""
     last = np.asarray(picture.crop((0, picture.height - 1, *picture.size)))
     return bool((last == FILL).all()) and not (np.asarray(picture) == FILL).all()
 
@@ -86,7 +90,9 @@ def _in_8_bits(picture: Image.Image) -> Image.Image:
 def _in_srgb(picture: Image.Image, profile: bytes) -> Image.Image:
     """The picture in RGB, without its alpha. A profile for another kind of colours, such as CMYK, is ignored."""
     if profile:
-        of_its_kind = picture if picture.mode in ("L", "CMYK") else picture.convert("L" if picture.mode in GREYS else "RGB")
+        of_its_kind = (
+            picture if picture.mode in ("L", "CMYK") else picture.convert("L" if picture.mode in GREYS else "RGB")
+        )
         with suppress(ImageCms.PyCMSError):
             to_srgb = ImageCms.buildTransform(BytesIO(profile), ImageCms.createProfile("sRGB"), of_its_kind.mode, "RGB")
             return to_srgb.apply(of_its_kind)

@@ -25,7 +25,8 @@ SEED = 0  # given to every randomised estimate: pycolmap.set_random_seed would a
 USUAL_RATIO = 0.8  # Lowe's and COLMAP's
 LEAST_INLIERS = 15  # COLMAP's, of the geometry of a pair
 PART_S = 3.0  # features and matches are computed in parts that take this long, to report progress and to notice Ctrl-C
-# Disk space, in the database and again in its journal, for a photo of MOST_FEATURES, and for a pair of such photos whose features all match.
+# Disk space, in the database and again in its journal, for a photo of MOST_FEATURES, and for a pair of such photos
+# whose features all match.
 PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
 MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, however fast: those that are in the database already take no time
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
@@ -37,7 +38,8 @@ HALF = 128  # of 255: features are extracted where less of a pixel than this is 
 def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
     """Write the pictures that `extract` reads; returns, by a picture's name, its photo and the camera at its size.
 
-    Their names are numbers, because COLMAP splits its list of pairs at spaces. Photos that cannot be decoded are left out.
+    Their names are numbers, because COLMAP splits its list of pairs at spaces.
+    Photos that cannot be decoded are left out.
     """
     cameras = {}
     for number, (photo, camera) in enumerate(posed, 1):
@@ -49,7 +51,8 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
 
 
 def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
-    """Write a photo, undistorted and shrunk to LONG_SIDE_PX, and its mask; returns its camera at that size. BadInput if it cannot be decoded."""
+    """Write a photo, undistorted and shrunk to LONG_SIDE_PX, and its mask; returns its camera at that size.
+    BadInput if it cannot be decoded."""
     camera = camera.shrunk(LONG_SIDE_PX / max(camera.width, camera.height))
     loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty=True)
     shown = np.ones(loaded.pixels.shape[:2], bool) if loaded.valid is None else loaded.valid
@@ -91,7 +94,8 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
 
 
 def _number(work: Path, names: list[str]) -> None:
-    """Add the photos to the database in their order. Otherwise they get their ids as threads finish with them, and mapping depends on the ids."""
+    """Add the photos to the database in their order.
+    Otherwise they get their ids as threads finish with them, and mapping depends on the ids."""
     with pycolmap.Database.open(work / DATABASE):
         pass  # creates it
     pycolmap.import_images(work / DATABASE, work / PHOTOS, pycolmap.CameraMode.PER_IMAGE, image_names=names)
@@ -102,7 +106,9 @@ def images_in(database: pycolmap.Database) -> dict[str, pycolmap.Image]:
     return {image.name: image for image in database.read_all_images()}
 
 
-def match(work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO) -> None:
+def match(
+    work: Path, pairs: list[tuple[str, str]], report: Report, verify: bool = True, ratio: float = USUAL_RATIO
+) -> None:
     """Match the pairs of photos; the matches go into the database.
 
     verify: estimate the geometry of each pair, and keep only the matches that fit it.
@@ -138,7 +144,8 @@ def _threads_within_limit() -> int:
 
 
 def _parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:
-    """The items in parts of `least` to `most`, sized to take PART_S each, and for each part the number of items up to its end."""
+    """The items in parts of `least` to `most`, sized to take PART_S each,
+    and for each part the number of items up to its end."""
     done, size = 0, least
     while done < len(items):
         part, since = items[done : done + size], time.monotonic()

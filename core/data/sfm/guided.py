@@ -1,6 +1,8 @@
-"""Guided matching: features of two photos are matched once more, each only with those that lie where the geometry of the pair puts it.
+"""Guided matching: features of two photos are matched once more,
+each only with those that lie where the geometry of the pair puts it.
 
-COLMAP can do this, too, but compares all descriptors and takes a second a pair. Here most are ruled out by their place first: 20 times as fast.
+COLMAP can do this, too, but compares all descriptors and takes a second a pair.
+Here most are ruled out by their place first: 20 times as fast.
 """
 
 from collections.abc import Sequence
@@ -17,7 +19,8 @@ from core.kernels.compiled import kernel
 from core.report import Report
 from core.system.threads import in_parallel
 
-ON_LINES = (Configuration.CALIBRATED, Configuration.UNCALIBRATED)  # F gives a feature's line in the other photo (E, if EXIF has both focal lengths)
+# F gives a feature's line in the other photo (E, if EXIF has both focal lengths).
+ON_LINES = (Configuration.CALIBRATED, Configuration.UNCALIBRATED)
 AT_POINTS = (Configuration.PLANAR, Configuration.PANORAMIC, Configuration.PLANAR_OR_PANORAMIC)  # H gives its point
 NEAR_PX = 4.0  # COLMAP's, as all that follows
 LARGEST = 0.7 * 512  # distance of matched descriptors, which are 512 long
@@ -28,7 +31,8 @@ PAIRS_AT_ONCE = 64  # whose features are in memory: up to 1 MB a photo
 
 
 class Features(NamedTuple):
-    """pixels: (n, 2) float32. descriptors: (n, BYTES) uint8, SIFT as COLMAP stores them. intrinsics: (3, 3), of a camera without distortion."""
+    """pixels: (n, 2) float32. descriptors: (n, BYTES) uint8, SIFT as COLMAP stores them.
+    intrinsics: (3, 3), of a camera without distortion."""
 
     pixels: np.ndarray
     descriptors: np.ndarray
@@ -36,7 +40,8 @@ class Features(NamedTuple):
 
 
 def guide(work: Path, pairs: Sequence[tuple[str, str]], report: Report) -> None:
-    """Replace the matches of each pair in the database that has a geometry by guided ones. A second call changes nothing."""
+    """Replace the matches of each pair in the database that has a geometry by guided ones.
+    A second call changes nothing."""
     with pycolmap.Database.open(work / DATABASE) as database:
         images = images_in(database)
         for start in range(0, len(pairs), PAIRS_AT_ONCE):
@@ -57,7 +62,9 @@ def _guide_some(database: pycolmap.Database, pairs: list[tuple[int, int]]) -> No
 
     in_parallel(match, len(usable), 1)
     for pair, geometry in usable:
-        database.update_two_view_geometry(*pair, geometry if len(geometry.inlier_matches) >= LEAST_INLIERS else pycolmap.TwoViewGeometry())
+        database.update_two_view_geometry(
+            *pair, geometry if len(geometry.inlier_matches) >= LEAST_INLIERS else pycolmap.TwoViewGeometry()
+        )
 
 
 def _features(database: pycolmap.Database, number: int) -> Features:
@@ -67,13 +74,18 @@ def _features(database: pycolmap.Database, number: int) -> Features:
 
 
 def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoViewGeometry) -> np.ndarray:
-    """(k, 2) uint32: pairs of a feature of the first and one of the second photo, each the other's nearest in descriptor among those that the
-    geometry allows, and clearly so (Lowe 2004, 7.1)."""
+    """(k, 2) uint32: pairs of a feature of the first and one of the second photo, each the other's nearest in
+    descriptor among those that the geometry allows, and clearly so (Lowe 2004, 7.1)."""
     at_points, n = geometry.config in AT_POINTS, len(first.pixels)
-    nearest, partner = np.full((n + len(second.pixels), 2), FAR, np.int32), np.full(n + len(second.pixels), -1, np.int32)
+    nearest, partner = (
+        np.full((n + len(second.pixels), 2), FAR, np.int32),
+        np.full(n + len(second.pixels), -1, np.int32),
+    )
     matrix = geometry.H if at_points else _fundamental(first, second, geometry)
     assert matrix is not None  # COLMAP stores what the configuration says
-    most_alike_near(*first[:2], *second[:2], matrix.astype(np.float32), at_points, np.float32(NEAR_PX**2), nearest, partner)
+    most_alike_near(
+        *first[:2], *second[:2], matrix.astype(np.float32), at_points, np.float32(NEAR_PX**2), nearest, partner
+    )
     clear = (nearest[:, 0] <= LARGEST**2) & (nearest[:, 0] < USUAL_RATIO**2 * nearest[:, 1])
     partners = partner[:n]
     chosen = np.flatnonzero(clear[:n] & clear[n + partners] & (partner[n + partners] == np.arange(n)))
@@ -89,11 +101,13 @@ def _fundamental(first: Features, second: Features, geometry: pycolmap.TwoViewGe
 
 @kernel
 def most_alike_near(pixels1, descriptors1, pixels2, descriptors2, matrix, at_points, limit, nearest, partner):
-    """For each feature of either photo, the two smallest squared distances of its descriptor to those of the other photo's features that lie near.
+    """For each feature of either photo, the two smallest squared distances of its descriptor to
+    those of the other photo's features that lie near.
 
-    matrix: (3, 3) float32, H if `at_points`, else F, from the first photo to the second. limit: px², the largest squared distance to where H puts a
-    feature or, with F, the largest squared Sampson distance (Hartley & Zisserman, eq. 11.9). Outputs, the first photo's features before the
-    second's: nearest, (n + m, 2) int32, to be filled with FAR before; partner, (n + m,) int32, the feature at the smaller distance.
+    matrix: (3, 3) float32, H if `at_points`, else F, from the first photo to the second. limit: px², the largest
+    squared distance to where H puts a feature or, with F, the largest squared Sampson distance (Hartley & Zisserman,
+    eq. 11.9). Outputs, the first photo's features before the second's: nearest, (n + m, 2) int32, to be filled with FAR
+    before; partner, (n + m,) int32, the feature at the smaller distance.
     """
     n, m = len(pixels1), len(pixels2)
     x2, y2, slack2 = np.empty(m, np.float32), np.empty(m, np.float32), np.empty(m, np.float32)

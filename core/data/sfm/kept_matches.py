@@ -1,4 +1,5 @@
-"""Keeps features and matches after a stop: they take nearly all the time of structure from motion, and COLMAP skips what its database has."""
+"""Keeps features and matches after a stop: they take nearly all the time of structure from motion,
+and COLMAP skips what its database has."""
 
 import hashlib
 import sqlite3
@@ -22,11 +23,15 @@ KEPT_FILES = (f"{DATABASE}*", MARK)  # of the work folder; SQLite puts files of 
 def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
     """A work folder, in `place_for` the output, to make the scene `output` in; removed at the end.
 
-    If the block is stopped by Ctrl-C, a kill, a full disk or lack of memory, the database in the folder is kept for the next block. Nothing is kept
-    if the disk has no locks (core.system.lock), or while another program makes the same scene.
+    If the block is stopped by Ctrl-C, a kill, a full disk or lack of memory, the database in the folder is kept for the
+    next block. Nothing is kept if the disk has no locks (core.system.lock), or while another program makes the same
+    scene.
     """
     name = output.resolve().name
-    work = place_for(output) / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
+    work = (
+        place_for(output)
+        / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
+    )
     work.mkdir(exist_ok=True)
     with taken(work) as ours:
         if not ours:
@@ -39,7 +44,8 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
         keep = False
         _empty(work, but=KEPT_FILES)
         try:
-            with named_if_full(work, disk_full(output)):  # before the copies of the photos are removed, which makes room again
+            # Before the copies of the photos are removed, which makes room again.
+            with named_if_full(work, disk_full(output)):
                 yield work
         except BaseException as problem:
             stopped = isinstance(problem, KeyboardInterrupt) or as_disk_full(problem) or as_out_of_memory(problem)
@@ -47,7 +53,9 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
             raise
         finally:
             if keep:
-                report.say(f"The features and matches found so far are kept in {work}: the same command goes on from there.")
+                report.say(
+                    f"The features and matches found so far are kept in {work}: the same command goes on from there."
+                )
             with suppress(OSError):
                 _empty(work, but=KEPT_FILES if keep else ())
                 if not keep:
@@ -55,7 +63,8 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
 
 
 def keep_if_of(made_of: dict[str, Any], work: Path, report: Report) -> None:
-    """Keep the database in `work` if it is sound and was made of the same things (JSON) as noted there; else remove it, and note these."""
+    """Keep the database in `work` if it is sound and was made of the same things (JSON) as noted there;
+    else remove it, and note these."""
     if read_mark(work / MARK) == made_of and _is_sound(work / DATABASE):
         report.say("Going on with the features and matches that were found before it was stopped.")
         return

@@ -17,30 +17,40 @@ from core.words import Note, counted
 
 MARK = "triangulated.json"  # in a folder of points: whose they are, what they were made of, and how far the cameras fit
 MODEL = "points"  # a COLMAP model of the training photos
-# Share of matches that agree with the cameras. Right ones: 34 (plaza) to 95 % (fountain). Poses inverted, in other axes or of other photos: at
-# most 18 %.
+# Share of matches that agree with the cameras. Right ones: 34 (plaza) to 95 % (fountain). Poses inverted, in other axes
+# or of other photos: at most 18 %.
 LEAST_NEAR = 0.2
 
 
 def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
-    """The folder of the collection's points, which core.data.load reads like the scene itself; made now unless it exists.
+    """The folder of the collection's points, which core.data.load reads like the scene itself;
+    made now unless it exists.
 
-    wanted: the name of the folder, to which a number is added if it is taken. Points are used again only for the very same training photos, masks
-    and cameras. Warns each time if the cameras do not fit the photos. Raises BadInput if no point is found, or nothing can be written.
+    wanted: the name of the folder, to which a number is added if it is taken. Points are used again only for the very
+    same training photos, masks and cameras. Warns each time if the cameras do not fit the photos. Raises BadInput if no
+    point is found, or nothing can be written.
     """
     training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
     root = collection.root.resolve()
     made_of = {}
     for photo, camera in training:
         mask = [] if photo.mask is None else [path_from(collection.root, photo.mask.path), *stamp(photo.mask.path)]
-        made_of[path_from(collection.root, photo.path)] = [*stamp(photo.path), *camera.numbers(), photo.lens and asdict(photo.lens), *mask]
+        made_of[path_from(collection.root, photo.path)] = [
+            *stamp(photo.path),
+            *camera.numbers(),
+            photo.lens and asdict(photo.lens),
+            *mask,
+        ]
     same = {"kind": collection.kind, "made_of": made_of}
 
     def are_there(folder: Path) -> bool:
         return same.items() <= read_mark(folder / MARK).items() and home_of(folder).resolve() == root
 
     def make(folder: Path) -> None:
-        report.say(f"{collection.root} has cameras but no points: they are triangulated from {counted(len(training), 'photo')}.")
+        report.say(
+            f"{collection.root} has cameras but no points: "
+            f"they are triangulated from {counted(len(training), 'photo')}."
+        )
         with replacing_folder(folder) as work:
             model, near = triangulate(training, work, report)
             if not model.num_points3D():
@@ -48,13 +58,18 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
                 raise BadInput(f"{what}.", CHECK_POSES)
             (work / "scene" / MODEL).mkdir(parents=True)
             write_model(model, work / "scene" / MODEL)
-            write_json(work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), "near": near, **same})
+            write_json(
+                work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), "near": near, **same}
+            )
         report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
 
     points = made_once(wanted, MARK, are_there, make, "Points as triangulated", report)
     near = read_mark(points / MARK).get("near")
     if isinstance(near, float) and near < LEAST_NEAR:
-        report.warn(f"Only {near:.0%} of the matches between photos agree with the cameras of the scene: expect a poor one. {CHECK_POSES}")
+        report.warn(
+            f"Only {near:.0%} of the matches between photos agree with the cameras of the scene: "
+            f"expect a poor one. {CHECK_POSES}"
+        )
     return points
 
 

@@ -1,4 +1,5 @@
-"""Landmarks, by which photos from outside are located: SIFT features of a collection's photos, with the SfM points that they show."""
+"""Landmarks, by which photos from outside are located:
+SIFT features of a collection's photos, with the SfM points that they show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -27,7 +28,8 @@ NO_POINT = -1
 class Landmarks:
     """The features of all photos, one photo after the other.
 
-    descriptors: (n, 128) uint8, as COLMAP has them. shows: (n,) int64, which row of `points` each feature shows, or NO_POINT.
+    descriptors: (n, 128) uint8, as COLMAP has them.
+    shows: (n,) int64, which row of `points` each feature shows, or NO_POINT.
     counts: (photos,) int64, how many features each photo has. points: (p, 3) float64, scene frame.
     """
 
@@ -41,7 +43,8 @@ class Landmarks:
         return replace(self, points=other.to_scene(own.to_world(self.points)))
 
     def save(self, path: Path, run: str) -> None:
-        """Write them as .npz, whole or not at all; raises as `core.system.atomic.replacing`. run: the identity of the run whose frame they are in."""
+        """Write them as .npz, whole or not at all; raises as `core.system.atomic.replacing`.
+        run: the identity of the run whose frame they are in."""
         with replacing(path) as temporary:
             np.savez(temporary, run=run, **vars(self))
 

@@ -1,7 +1,7 @@
 """Which pairs of photos to match: all if they are few, else those whose largest features look alike.
 
-Matching all features of a pair takes a fifteenth of a second on two cores, this search a millisecond. With 1,000 photos the search takes 8 minutes
-and matching the likely pairs 35; matching all pairs would take ten hours.
+Matching all features of a pair takes a fifteenth of a second on two cores, this search a millisecond. With 1,000 photos
+the search takes 8 minutes and matching the likely pairs 35; matching all pairs would take ten hours.
 """
 
 from pathlib import Path
@@ -14,8 +14,8 @@ from core.data.sfm.features import DATABASE, images_in
 from core.report import Report
 from core.system.threads import in_parallel
 
-# Statue of Liberty, 87 photos, of the ten that each shares most points with: 512 features find 74, 87, 91 % among 10, 20, 30 partners,
-# 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
+# Statue of Liberty, 87 photos, of the ten that each shares most points with: 512 features find 74, 87, 91 % among 10,
+# 20, 30 partners, 256 features 66, 81, 88 %, VLAD of 256 words 53, 72, 81 %.
 LARGEST_FEATURES = 512  # of a photo
 PARTNERS = 30  # of a photo
 MATCH_S = 0.07  # to match two photos of 1600 px or more of the same thing, on two cores; two thirds of that for others
@@ -25,11 +25,12 @@ RATIO = 0.85  # test of Lowe (2004, section 7.1): the angle to the nearest featu
 
 
 def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str, str]]:
-    """The pairs of photos in the database to match: all, or each photo's PARTNERS likeliest, so that matching (not this search) is linear
-    in the number of photos.
+    """The pairs of photos in the database to match:
+    all, or each photo's PARTNERS likeliest, so that matching (not this search) is linear in the number of photos.
 
-    The more of their LARGEST_FEATURES largest features match, the likelier two photos overlap (Wu 2013, Towards linear-time incremental
-    structure from motion, section 3): there are few of them, and large features are seen from near and far.
+    The more of their LARGEST_FEATURES largest features match, the likelier two photos overlap (Wu 2013, Towards
+    linear-time incremental structure from motion, section 3): there are few of them, and large features are seen from
+    near and far.
     """
     total = all_pairs(len(names))
     if total == most_pairs(len(names)):
@@ -42,7 +43,10 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     np.fill_diagonal(found, -1)
     chosen = np.argsort(-found, axis=1, kind="stable")[:, :PARTNERS]
     pairs = {(max(index, int(other)), min(index, int(other))) for index, row in enumerate(chosen) for other in row}
-    report.say(f"{len(names)} photos make {total:,} pairs; the {len(pairs):,} whose largest features look most alike are matched.")
+    report.say(
+        f"{len(names)} photos make {total:,} pairs; "
+        f"the {len(pairs):,} whose largest features look most alike are matched."
+    )
     return [(names[first], names[second]) for first, second in sorted(pairs)]
 
 
@@ -95,7 +99,8 @@ def _largest_features(work: Path, names: list[str]) -> list[np.ndarray]:
         images = images_in(database)
         for name in names:
             number = images[name].image_id
-            shapes = database.read_keypoints(number).reshape(-1, 6)[:, 2:]  # 2 x 2, its columns as long as the feature is large
+            # 2 x 2, its columns as long as the feature is large.
+            shapes = database.read_keypoints(number).reshape(-1, 6)[:, 2:]
             order = np.argsort(-np.hypot(shapes[:, 0], shapes[:, 2]), kind="stable")[:LARGEST_FEATURES]
             descriptors = database.read_descriptors(number).data[order].astype(np.float32)
             features.append(descriptors / np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1e-6))

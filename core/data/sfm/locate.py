@@ -1,4 +1,5 @@
-"""Locates a photo from outside a collection: its camera, from features matched with the collection's landmarks (pycolmap, CPU)."""
+"""Locates a photo from outside a collection: its camera,
+from features matched with the collection's landmarks (pycolmap, CPU)."""
 
 from contextlib import suppress
 from copy import copy
@@ -22,16 +23,18 @@ from core.system.atomic import scratch
 QUERY = "query.jpg"
 OFF = 0.006  # RANSAC's largest reprojection error, of the long side: 10 of 1600 px; COLMAP takes 12
 USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
-# Training photos, each located by the others: 17 of 19 of the Statue of Liberty are found to within 1 px of 400, with 13 to 296 inliers, 44
-# to 100 % of all matches; wrong matches alone give at most 11 inliers of 332. Of its mirrored photos, which show another place, 7 of 76 had 12 to 22
-# inliers, a third to 60 % of all matches, as the two sides of a statue look alike; all of these had more once they were mirrored back.
+# Training photos, each located by the others: 17 of 19 of the Statue of Liberty are found to within 1 px of 400, with
+# 13 to 296 inliers, 44 to 100 % of all matches; wrong matches alone give at most 11 inliers of 332. Of its mirrored
+# photos, which show another place, 7 of 76 had 12 to 22 inliers, a third to 60 % of all matches, as the two sides of a
+# statue look alike; all of these had more once they were mirrored back.
 LEAST_AGREEING, LEAST_SHARE = 12, 1 / 3
 SURE = 50  # with this many inliers, the mirrored photo need not be tried
 
 
 @dataclass(frozen=True)
 class Located:
-    """camera: a pinhole in the collection's scene frame, at the size of the photo as displayed. agreeing: inliers among the `matched` features."""
+    """camera: a pinhole in the collection's scene frame, at the size of the photo as displayed.
+    agreeing: inliers among the `matched` features."""
 
     camera: Camera
     agreeing: int
@@ -41,10 +44,11 @@ class Located:
 def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None = None) -> Located | None:
     """The camera of a photo file; None if too few of its features match the landmarks or agree on a camera.
 
-    Features are matched with the landmarks photo by photo; each match pairs a pixel with a point, and the camera follows from these pairs
-    (P3P, or P4P if the focal length is unknown, in LO-RANSAC). If more features agree once the photo is mirrored, it shows another place.
-    mask: a picture, white where the photo is to be used.
-    The result is the same for any number of threads. Raises BadInput for a photo that cannot be read, or that its mask hides altogether.
+    Features are matched with the landmarks photo by photo; each match pairs a pixel with a point, and the camera
+    follows from these pairs (P3P, or P4P if the focal length is unknown, in LO-RANSAC). If more features agree once the
+    photo is mirrored, it shows another place. mask: a picture, white where the photo is to be used.
+    The result is the same for any number of threads.
+    Raises BadInput for a photo that cannot be read, or that its mask hides altogether.
     """
     width, height = probe(path).displayed
     long_side = max(width, height)
@@ -76,7 +80,10 @@ def _mirror(work: Path) -> None:
 def _matched(work: Path, landmarks: Landmarks, report: Report) -> tuple[np.ndarray, np.ndarray]:
     """(n, 2) pixels of the picture QUERY, and the (n, 3) points that they match; each pair once."""
     starts = np.cumsum(landmarks.counts) - landmarks.counts
-    rows = {f"{number}.jpg": slice(start, start + count) for number, (start, count) in enumerate(zip(starts, landmarks.counts, strict=True))}
+    rows = {
+        f"{number}.jpg": slice(start, start + count)
+        for number, (start, count) in enumerate(zip(starts, landmarks.counts, strict=True))
+    }
     with pycolmap.Database.open(work / DATABASE) as database:
         numbers = {name: _add(database, name, landmarks.descriptors[row]) for name, row in rows.items()}
     match(work, [(QUERY, name) for name in rows], report, verify=False)
@@ -117,8 +124,8 @@ def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
 def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
     """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree.
 
-    If EXIF gives a focal length, an unknown one is tried as well, and that on which more features agree is taken: programs that crop a photo
-    leave its EXIF as it was.
+    If EXIF gives a focal length, an unknown one is tried as well, and that on which more features agree is taken:
+    programs that crop a photo leave its EXIF as it was.
     """
     if not len(points):
         return None
@@ -129,12 +136,15 @@ def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, si
     answers = []
     for unknown in (False, True) if lens.has_prior_focal_length else (True,):
         estimation.estimate_focal_length, fitted = unknown, copy(lens)
-        if (answer := pycolmap.estimate_and_refine_absolute_pose(pixels, points, fitted, estimation, refinement)) is not None:
+        if (
+            answer := pycolmap.estimate_and_refine_absolute_pose(pixels, points, fitted, estimation, refinement)
+        ) is not None:
             answers.append((answer, fitted))
     if not answers:
         return None
     found, fitted = max(answers, key=lambda each: each[0]["num_inliers"])
-    witnesses = len(np.unique(points[found["inlier_mask"]], axis=0))  # a point counts once, however many features match it
+    # A point counts once, however many features match it.
+    witnesses = len(np.unique(points[found["inlier_mask"]], axis=0))
     if witnesses < LEAST_AGREEING or found["num_inliers"] < LEAST_SHARE * len(points) or not is_usual(fitted):
         return None
     rotation = found["cam_from_world"].rotation.matrix()

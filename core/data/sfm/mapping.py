@@ -1,4 +1,5 @@
-"""From matches to cameras and points, by COLMAP's incremental mapping; if most photos are lost, again with focal lengths refined last."""
+"""From matches to cameras and points, by COLMAP's incremental mapping;
+if most photos are lost, again with focal lengths refined last."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -12,19 +13,23 @@ from core.errors import BadInput
 from core.report import Report
 from core.words import counted
 
-REPEATABLE = 100  # up to this many photos one thread maps them, with nearly always the same result; a sixth slower than two (87 photos: 21 s)
+# Up to this many photos one thread maps them, with nearly always the same result; a sixth slower than two (87 photos:
+# 21 s).
+REPEATABLE = 100
 LEAST_PLACED = 3  # photos, unless there are only two: fewer are no scene
 
 
 def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconstruction:
-    """Cameras and points of the photos whose matches are in the database: the model with the most photos. BadInput if none has LEAST_PLACED."""
+    """Cameras and points of the photos whose matches are in the database: the model with the most photos.
+    BadInput if none has LEAST_PLACED."""
     models = _best_models(work, names, report)
     for model in models:
         _drop_folded(model)
     models = _largest_first(model for model in models if model.num_reg_images())
     placed = models[0].num_reg_images() if models else 0
     if placed < min(LEAST_PLACED, len(names)):
-        found = f"Cameras could be found for only {placed} of {len(names)} photos" if placed else "No cameras could be found"
+        some = f"Cameras could be found for only {placed} of {len(names)} photos"
+        found = some if placed else "No cameras could be found"
         raise BadInput(
             f"{found}: the {len(names)} photos do not overlap enough.",
             "Add photos of the same place from nearby viewpoints, or larger ones.",
@@ -43,10 +48,11 @@ def map_photos(work: Path, names: list[str], report: Report) -> pycolmap.Reconst
 def _best_models(work: Path, names: list[str], report: Report) -> list[pycolmap.Reconstruction]:
     """COLMAP's models, with focal lengths refined along the way or, if that goes badly, last.
 
-    COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses follow, and other photos
-    cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So if fewer than half the photos are registered
-    with a focal length that lenses have, they are mapped again with the focal lengths of EXIF, or COLMAP's guess, refined only at the
-    end. Those models are taken if the largest has more such photos, and more points (core/TRIED.md has the figures).
+    COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses
+    follow, and other photos cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So
+    if fewer than half the photos are registered with a focal length that lenses have, they are mapped again with the
+    focal lengths of EXIF, or COLMAP's guess, refined only at the end. Those models are taken if the largest has more
+    such photos, and more points (core/TRIED.md has the figures).
     """
     models = _models(work, names, report, refined=True)
     largest = _largest(models)
@@ -60,7 +66,8 @@ def _best_models(work: Path, names: list[str], report: Report) -> list[pycolmap.
     if plausible <= found or largest_again.num_points3D() <= largest.num_points3D():
         return models
     report.say(
-        f"Mapped again with focal lengths refined last: {plausible} of {len(names)} photos got a place and a focal length that lenses have, "
+        "Mapped again with focal lengths refined last: "
+        f"{plausible} of {len(names)} photos got a place and a focal length that lenses have, "
         f"not {found} as with focal lengths refined along the way."
     )
     return again
@@ -81,7 +88,8 @@ def _drop_folded(model: pycolmap.Reconstruction) -> None:
 
 
 def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:
-    """COLMAP's models of the matches, the one with the most photos first. refined: whether focal lengths are refined as photos are added."""
+    """COLMAP's models of the matches, the one with the most photos first.
+    refined: whether focal lengths are refined as photos are added."""
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = min(LEAST_PLACED, len(names))  # COLMAP's 10 would refuse small collections
     options.random_seed = SEED
@@ -115,7 +123,8 @@ def _refine(model: pycolmap.Reconstruction) -> None:
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     options = pycolmap.BundleAdjustmentOptions(print_summary=False)
     options.ceres.solver_options.num_threads = _threads(model.num_reg_images())
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()  # pycolmap.bundle_adjustment would turn COLMAP's log on
+    # pycolmap.bundle_adjustment would turn COLMAP's log on.
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     model.update_point_3d_errors()
 
 

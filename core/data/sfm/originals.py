@@ -1,4 +1,5 @@
-"""What a scene that wegs made of plain photos remembers of them: the files, what the scene calls them, and their lenses."""
+"""What a scene that wegs made of plain photos remembers of them:
+the files, what the scene calls them, and their lenses."""
 
 from pathlib import Path
 
@@ -20,7 +21,8 @@ def files_of(photos: Path) -> dict[str, list[int]]:
 
 
 def name_in(scene: Path, path: Path) -> str | None:
-    """What the scene calls the photo made of the file `path`, which may have been moved since; None for other files, and for changed ones."""
+    """What the scene calls the photo made of the file `path`, which may have been moved since;
+    None for other files, and for changed ones."""
     known, original = read_mark(scene / MADE_OF), str(path.resolve())
     if original not in known:
         moved = [file for file in known if Path(file).name == path.name and not Path(file).exists()]
@@ -29,19 +31,24 @@ def name_in(scene: Path, path: Path) -> str | None:
 
 
 def is_made_of(scene: Path, files: dict[str, list[int]]) -> bool:
-    """Whether the scene was made of these very files (`files_of`): the same names, sizes and modification times, wherever they were then."""
-    made_of, found = ([(Path(path).name, mark) for path, mark in each.items()] for each in (read_mark(scene / MADE_OF), files))
+    """Whether the scene was made of these very files (`files_of`):
+    the same names, sizes and modification times, wherever they were then."""
+    made_of, found = (
+        [(Path(path).name, mark) for path, mark in each.items()] for each in (read_mark(scene / MADE_OF), files)
+    )
     return bool(found) and made_of == found  # in their order: two links may lead to files of one name
 
 
 def lenses_of(scene: Path) -> dict[str, Lens]:
-    """The lenses through which the photos were taken, by the scene's names; empty for a scene that wegs did not make."""
+    """The lenses through which the photos were taken, by the scene's names;
+    empty for a scene that wegs did not make."""
     found = read_mark(scene / LENSES) if (scene / MADE_OF).is_file() else {}
     return {name: Lens(**lens) for name, lens in found.items() if isinstance(lens, dict) and LENS <= lens.keys()}
 
 
 def placed_of(scene: Path) -> tuple[int, int, int] | None:
-    """How many photos the scene was made of, how many of these got a camera, and how many of those with a focal length that lenses have.
+    """How many photos the scene was made of, how many of these got a camera,
+    and how many of those with a focal length that lenses have.
 
     None for a scene that wegs did not make.
     """
@@ -52,7 +59,8 @@ def placed_of(scene: Path) -> tuple[int, int, int] | None:
 
 
 def left_out(scene: Path) -> list[Path]:
-    """The files of a scene's photos that are not in it: not placed, unreadable, or copies of others; none for a scene that wegs did not make."""
+    """The files of a scene's photos that are not in it: not placed, unreadable, or copies of others;
+    none for a scene that wegs did not make."""
     names, placed = read_mark(scene / NAMES), lenses_of(scene)
     return [Path(path) for path in read_mark(scene / MADE_OF) if names and names.get(path) not in placed]
 

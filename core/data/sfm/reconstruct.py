@@ -42,16 +42,19 @@ FEATURES_TO_MAP = 4096  # at most, a photo: as good as 6,000 and 8,192 (core/TRI
 
 
 def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path] = ()) -> Path:
-    """Find the cameras of the photos in the folder `photos`; `output` becomes a COLMAP scene of them, whole or not at all.
+    """Find the cameras of the photos in the folder `photos`;
+    `output` becomes a COLMAP scene of them, whole or not at all.
 
-    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of core.data.sfm.originals. Every photo
-    gets a camera of its own, as tourists' photos need. If the photos fall apart into several models, the one with the most photos is kept.
-    It stands upright, as far as photos tell (core.data.sfm.upright). Unreadable photos and those without a camera are left out and named.
-    What a stopped run found is used again (core.data.sfm.kept_matches). lists: folders whose split lists the scene gets as well.
-    Up to core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they differ slightly.
+    The scene holds images/ (undistorted, upright), sparse/0 (pinhole cameras, points) and the files of
+    core.data.sfm.originals. Every photo gets a camera of its own, as tourists' photos need. If the photos fall apart
+    into several models, the one with the most photos is kept. It stands upright, as far as photos tell
+    (core.data.sfm.upright). Unreadable photos and those without a camera are left out and named. What a stopped run
+    found is used again (core.data.sfm.kept_matches). lists: folders whose split lists the scene gets as well. Up to
+    core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they
+    differ slightly.
 
-    Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is anything but a new or
-    empty folder, and where no model is found; DiskFull.
+    Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is
+    anything but a new or empty folder, and where no model is found; DiskFull.
     """
     if output.resolve() == Path.cwd():
         raise BadInput("The scene cannot be the folder you are in.", "Name a folder to be made: -o scene")
@@ -62,7 +65,10 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
     if not paths:
         raise no_photos(photos)
     for note in (
-        *name_them("in formats that cannot be read, left out; convert them to JPEG", [path.name for path in list_unreadable(photos)]),
+        *name_them(
+            "in formats that cannot be read, left out; convert them to JPEG",
+            [path.name for path in list_unreadable(photos)],
+        ),
         *name_them("whose file is gone, left out", [path.name for path in list_gone(photos)]),
     ):
         report.warn(note.text)
@@ -97,11 +103,12 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
 
 
 def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[str, str], dict[Path, str]]:
-    """Copy the readable photos into work/PHOTOS as COLMAP needs them; returns their names in the scene, by the name of the copy and by file.
+    """Copy the readable photos into work/PHOTOS as COLMAP needs them;
+    returns their names in the scene, by the name of the copy and by file.
 
-    COLMAP ignores EXIF rotation and colour profiles, so photos with either are written upright and in sRGB. Other formats are converted to JPEG;
-    the alpha of photos that are not opaque goes into work/ALPHA, as a PNG under the photo's name in the scene. Copies are named by numbers,
-    because COLMAP splits its list of pairs at spaces.
+    COLMAP ignores EXIF rotation and colour profiles, so photos with either are written upright and in sRGB. Other
+    formats are converted to JPEG; the alpha of photos that are not opaque goes into work/ALPHA, as a PNG under the
+    photo's name in the scene. Copies are named by numbers, because COLMAP splits its list of pairs at spaces.
     """
     for folder in (PHOTOS, ALPHA):
         (work / folder).mkdir()
@@ -180,11 +187,14 @@ def _most_bytes(name: str, lens: Lens) -> int:
 
 
 def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:
-    """Make the undistorted `picture`, COLMAP's PNG of the photo over white, transparent where the photo was, or where its lens saw nothing.
+    """Make the undistorted `picture`, COLMAP's PNG of the photo over white, transparent where the photo was,
+    or where its lens saw nothing.
 
     camera: the pinhole of the undistorted picture. lens: the photo's own.
     """
-    seen_from = Camera(np.eye(3), np.zeros(3), *pinhole(camera, camera.width, camera.height), camera.width, camera.height)
+    seen_from = Camera(
+        np.eye(3), np.zeros(3), *pinhole(camera, camera.width, camera.height), camera.width, camera.height
+    )
     found, seen = undistort(read_pixels(alpha)[..., :1], lens, seen_from)
     opacity = found[..., 0] * seen
     Image.fromarray(np.dstack([off_white(read_pixels(picture), opacity), opacity])).save(picture)

@@ -1,4 +1,5 @@
-"""Checks that the disk has room for what pycolmap writes: where it cannot write, it ends the program, or silently leaves empty files."""
+"""Checks that the disk has room for what pycolmap writes:
+where it cannot write, it ends the program, or silently leaves empty files."""
 
 import errno
 import os
@@ -18,7 +19,8 @@ POINT_BYTES, TRACK_BYTES, PHOTO_BYTES, FEATURE_BYTES = 64, 8, 512, 24
 
 
 def check_room(folder: Path, needed: int, largest: int = 0) -> None:
-    """Raise OSError unless `needed` more bytes can be written in `folder`. largest: the final size of the largest of these files."""
+    """Raise OSError unless `needed` more bytes can be written in `folder`.
+    largest: the final size of the largest of these files."""
     if shutil.disk_usage(folder).free < needed + SPARE_BYTES:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
     if resource and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < largest:  # `ulimit -f`; infinity is negative

@@ -8,7 +8,17 @@ import pycolmap
 from core.data.collection import Photo, spread_over
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import rays
-from core.data.sfm.features import DATABASE, LEAST_PHOTOS, MASKS, PHOTOS, SEED, extract, images_in, match, write_pictures
+from core.data.sfm.features import (
+    DATABASE,
+    LEAST_PHOTOS,
+    MASKS,
+    PHOTOS,
+    SEED,
+    extract,
+    images_in,
+    match,
+    write_pictures,
+)
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
@@ -16,28 +26,35 @@ from core.words import counted
 
 NEAREST, SPREAD = 10, 10  # partners of a photo: the nearest ones, and others evenly spread over those that look its way
 MOST_DEGREES = 75.0  # between the directions in which partners look; SIFT matches little beyond 40
-# Laxer than the usual 0.8, as matches are then tested against known epipolar lines: plaza, Liberty and kermit get 98, 13, 15 % more points. Each of
-# COLMAP's own points then has one nearer by 29, 6, 5 %, and each of these has COLMAP's nearest farther off by 10, 8, 45 % (medians).
+# Laxer than the usual 0.8, as matches are then tested against known epipolar lines: plaza, Liberty and kermit get 98,
+# 13, 15 % more points. Each of COLMAP's own points then has one nearer by 29, 6, 5 %, and each of these has COLMAP's
+# nearest farther off by 10, 8, 45 % (medians).
 RATIO = 0.85
 EPIPOLAR_PX = 2.0  # how far a match may lie off the line on which the other camera's ray is seen
 
 
 def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> tuple[pycolmap.Reconstruction, float]:
-    """A COLMAP model of the photos at their given cameras (world units), with the points that they see; images are named as photos. Also returns the
-    share of all matches that agree with these cameras, in [0, 1].
+    """A COLMAP model of the photos at their given cameras (world units), with the points that they see; images are
+    named as photos. Also returns the share of all matches that agree with these cameras, in [0, 1].
 
-    Features come from the undistorted pictures, except where these are masked. As the cameras are known, matches are tested against their epipolar
-    lines, not against an estimated geometry, and two photos are enough for a point. work: an empty folder.
-    Photos that cannot be decoded are left out; training names them. Raises BadInput for fewer than LEAST_PHOTOS. Two runs agree bit for bit.
+    Features come from the undistorted pictures, except where these are masked. As the cameras are known, matches are
+    tested against their epipolar lines, not against an estimated geometry, and two photos are enough for a point. work:
+    an empty folder. Photos that cannot be decoded are left out; training names them. Raises BadInput for fewer than
+    LEAST_PHOTOS. Two runs agree bit for bit.
     """
     with quiet():
         cameras = write_pictures(posed, work, report)
         names = list(cameras)
         if len(names) < LEAST_PHOTOS:
-            what = f"{counted(len(names), 'photo')} to train on can be read; at least {LEAST_PHOTOS} are needed to triangulate points"
+            what = (
+                f"{counted(len(names), 'photo')} to train on can be read; "
+                f"at least {LEAST_PHOTOS} are needed to triangulate points"
+            )
             raise BadInput(f"{what}.", "Add photos, or points to start from (ply_file_path in a transforms.json).")
         extract(work, names, report, work / MASKS)
-        pairs = [(names[first], names[second]) for first, second in partners([camera for _, camera in cameras.values()])]
+        pairs = [
+            (names[first], names[second]) for first, second in partners([camera for _, camera in cameras.values()])
+        ]
         match(work, pairs, report, verify=False, ratio=RATIO)
         known = _known(work, cameras)
         near = _keep_epipolar(work, cameras, pairs)
@@ -54,9 +71,11 @@ def triangulate(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -
 
 
 def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
-    """The pairs (first > second) of cameras whose photos are worth matching; their number is linear in that of the cameras.
+    """The pairs (first > second) of cameras whose photos are worth matching;
+    their number is linear in that of the cameras.
 
-    Of those that look in about the same direction, each camera is paired with the NEAREST ones, for detail, and SPREAD others, for wide angles.
+    Of those that look in about the same direction, each camera is paired with the NEAREST ones, for detail,
+    and SPREAD others, for wide angles.
     """
     centres = np.array([camera.centre for camera in cameras])
     forward = np.array([camera.world_to_camera[2] for camera in cameras])
@@ -65,18 +84,23 @@ def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
         alike = forward @ forward[number] > np.cos(np.radians(MOST_DEGREES))
         alike[number] = False
         rows = np.flatnonzero(alike)
-        nearest_first = rows[np.argsort(np.linalg.norm(centres[rows] - centres[number], axis=1), kind="stable")].tolist()
+        nearest_first = rows[
+            np.argsort(np.linalg.norm(centres[rows] - centres[number], axis=1), kind="stable")
+        ].tolist()
         chosen = (*nearest_first[:NEAREST], *spread_over(nearest_first[NEAREST:], SPREAD))
         pairs |= {(max(number, other), min(number, other)) for other in chosen}
     return sorted(pairs)
 
 
 def off_line_px(first: Camera, second: Camera, in_first: np.ndarray, in_second: np.ndarray) -> np.ndarray:
-    """(N,) px by which matches, (N, 2) in each picture, violate the epipolar geometry: the Sampson distance (Hartley & Zisserman, eq. 11.9)."""
+    """(N,) px by which matches, (N, 2) in each picture, violate the epipolar geometry:
+    the Sampson distance (Hartley & Zisserman, eq. 11.9)."""
     turn = second.world_to_camera @ first.world_to_camera.T
     x, y, z = second.world_to_camera @ (first.centre - second.centre)
     essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
-    of_first, of_second = (rays(pixels, c.fx, c.fy, c.cx, c.cy) for c, pixels in ((first, in_first), (second, in_second)))
+    of_first, of_second = (
+        rays(pixels, c.fx, c.fy, c.cx, c.cy) for c, pixels in ((first, in_first), (second, in_second))
+    )
     lines = of_second @ essential, of_first @ essential.T  # in the first and in the second picture
     error = np.einsum("ij,ij->i", of_second, lines[1])
     slopes = [line[:, :2] / (camera.fx, camera.fy) for camera, line in zip((first, second), lines, strict=True)]

@@ -1,4 +1,5 @@
-"""Which photos of a folder structure from motion uses: those that can be read and are large enough, and the fullest of several files of a picture."""
+"""Which photos of a folder structure from motion uses:
+those that can be read and are large enough, and the fullest of several files of a picture."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,10 +14,12 @@ from core.data.photos.pixels import read_pixels_and_alpha
 from core.errors import BadInput
 from core.report import Report
 
-# What decides between files of the same picture, in this order. EXIF has the focal length; programs that make copies lengthen names.
+# What decides between files of the same picture, in this order. EXIF has the focal length; programs that make copies
+# lengthen names.
 LESS = ("with fewer pixels", "without EXIF", "with fewer bytes", "under a longer name", "under a later name")
 LONGEST_SIDE_PX = 65_500  # of a JPEG, which COLMAP is given
-# COLMAP places a photo by 30 features. Those of plaza, Liberty, Sacré-Cœur and Kermit, shrunk to 40 x 30 px, have 3 to 31; to 80 x 60 px, 22 to 108.
+# COLMAP places a photo by 30 features. Those of plaza, Liberty, Sacré-Cœur and Kermit, shrunk to 40 x 30 px, have 3 to
+# 31; to 80 x 60 px, 22 to 108.
 LEAST_PIXELS = 40 * 30
 
 
@@ -34,7 +37,8 @@ class StoredTwice(BadInput):
 
 
 def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path, UsablePhoto | BadInput]]:
-    """Each photo, the fullest first, or why it is not used; reports progress. Photos are always decoded, as some damage shows only then."""
+    """Each photo, the fullest first, or why it is not used; reports progress.
+    Photos are always decoded, as some damage shows only then."""
     headers = {path: _header(path) for path in paths}
     ranks = {path.name: _rank(path, headers[path]) for path in paths}
     fullest_first = sorted(paths, key=lambda path: ranks[path.name])
@@ -46,7 +50,9 @@ def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path,
                 raise StoredTwice(f"{path.name} is a copy of {copies[path].name}.")
             found = _read(path, headers[path])
             if twin := pictures.meet(path.name, found.pixels):
-                less = next(words for words, own, its in zip(LESS, ranks[path.name], ranks[twin], strict=True) if own != its)
+                less = next(
+                    words for words, own, its in zip(LESS, ranks[path.name], ranks[twin], strict=True) if own != its
+                )
                 raise StoredTwice(f"{path.name} is the picture {twin} once more, {less}.")
         except BadInput as problem:
             found = problem

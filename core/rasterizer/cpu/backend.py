@@ -100,7 +100,9 @@ class _Render(torch.autograd.Function):
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
         view = View.of(ctx.camera)
         seen = view.rotation, view.centre, view.lens, view.limits
-        in_parallel(lambda *rows: project_backward(*rows, *arrays, *seen, *slots, *outputs), len(arrays[0]), ROWS_PER_BLOCK)
+        in_parallel(
+            lambda *rows: project_backward(*rows, *arrays, *seen, *slots, *outputs), len(arrays[0]), ROWS_PER_BLOCK
+        )
         return None, None, probe_gradient, None, *gradients
 
 
@@ -133,12 +135,17 @@ class TileLists:
         return tiles
 
 
-def coloured_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera, known: TileLists | None = None) -> TileLists:
+def coloured_lists(
+    arrays: list[np.ndarray], probe: np.ndarray, camera: Camera, known: TileLists | None = None
+) -> TileLists:
     """The `tile_lists` of all these Gaussians, or those that are `known`, ready to be drawn once: in their colours."""
     means, *_, sh = arrays
     lists = tile_lists(arrays, np.arange(len(means)), probe, camera) if known is None else known
     if len(lists.footprints) != len(means):
-        raise BadInput(f"{len(means)} Gaussians were given with what is known of {len(lists.footprints)}.", "Give those that are visible.")
+        raise BadInput(
+            f"{len(means)} Gaussians were given with what is known of {len(lists.footprints)}.",
+            "Give those that are visible.",
+        )
     footprints = np.empty_like(lists.footprints)
     given = means, sh, View.of(camera).centre, lists.slot_starts, lists.footprints, footprints
     in_parallel(lambda *block: colour_footprints(*block, *given), len(means), ROWS_PER_BLOCK)
@@ -146,7 +153,8 @@ def coloured_lists(arrays: list[np.ndarray], probe: np.ndarray, camera: Camera, 
 
 
 def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, camera: Camera) -> TileLists:
-    """Project these rows of the Gaussians (arrays in the order of Splats' fields) and sort them into tiles, front to back."""
+    """Project these rows of the Gaussians (arrays in the order of Splats'
+    fields) and sort them into tiles, front to back."""
     view, count = View.of(camera), len(rows)
     tiles = -(-camera.width // layout.TILE) * -(-camera.height // layout.TILE)
     footprints = np.empty((count, layout.FOOTPRINT_COLUMNS), dtype=np.float32)
@@ -184,7 +192,8 @@ def draw(lists: TileLists, camera: Camera, background: Colour, strongest: np.nda
 
 
 def gradients_of_slots(lists: TileLists, image: np.ndarray, image_gradient: np.ndarray) -> np.ndarray:
-    """(pairs, SLOT_COLUMNS) float32, set where chunks were drawn: see `blend_backward`. image: as `draw` made it of these lists."""
+    """(pairs, SLOT_COLUMNS) float32, set where chunks were drawn: see `blend_backward`.
+    image: as `draw` made it of these lists."""
     slot_gradients = np.empty((len(lists.entries), layout.SLOT_COLUMNS), dtype=np.float32)
     blended = lists.tile_starts, lists.entries, lists.footprints, lists.drawn_chunks
     on_all_tiles(lists, lambda *walk: blend_backward(*walk, *blended, image, image_gradient, slot_gradients))
@@ -192,10 +201,11 @@ def gradients_of_slots(lists: TileLists, image: np.ndarray, image_gradient: np.n
 
 
 def on_all_tiles(lists: TileLists, work: Callable[[np.ndarray, int, int], None]) -> None:
-    """Run work(taken, first, step) on all threads at once, each of which walks through the tiles from a `first` of its own.
+    """Run work(taken, first, step) on all threads at once,
+    each of which walks through the tiles from a `first` of its own.
 
-    They walk in pairs, one toward the other. A Gaussian's slots lie side by side in memory: threads that take neighbouring tiles
-    write to the same cache lines, and two then spent a fifth more time than one.
+    They walk in pairs, one toward the other. A Gaussian's slots lie side by side in memory: threads that take
+    neighbouring tiles write to the same cache lines, and two then spent a fifth more time than one.
     """
     walkers, taken = threads(), np.zeros(len(lists.tile_starts) - 1, dtype=np.int64)
     pairs = (walkers + 1) // 2

@@ -81,8 +81,8 @@ def add_to_loads(footprints, i, size, columns, tile_loads):
 def fill_lists(from_behind, order, footprints, slot_starts, tile_starts, size, entries):
     """Write one half of all lists: tile t has entries (Gaussian, slot) from tile_starts[t] to tile_starts[t + 1].
 
-    The nearer half of the Gaussians fills the lists from the front, the farther one, `from_behind`, from their ends, farthest
-    first. So two threads can work at once, and the lists are the same as if one had.
+    The nearer half of the Gaussians fills the lists from the front, the farther one, `from_behind`, from their ends,
+    farthest first. So two threads can work at once, and the lists are the same as if one had.
     """
     columns = (size[0] + layout.TILE - 1) // layout.TILE
     half = len(order) // 2

@@ -79,7 +79,9 @@ def blend_backward(
                 i, slot = entries[entry, SPLAT], entries[entry, SLOT]
                 if drawn_chunks[slot] != 0:
                     at = (entry - begin) * ROW_TERMS
-                    slot_gradients[slot, layout.SUM_BLUE] = gather_moments(drawn_chunks[slot], footprints, i, terms, at, state, moments)
+                    slot_gradients[slot, layout.SUM_BLUE] = gather_moments(
+                        drawn_chunks[slot], footprints, i, terms, at, state, moments
+                    )
                     move_moments(moments, footprints, i, centre_x, centre_y, slot_gradients, slot)
 
 

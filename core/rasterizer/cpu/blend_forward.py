@@ -31,7 +31,8 @@ from core.rasterizer.cpu.blend import (
 )
 from core.rasterizer.layout import TILE
 
-# What a chunk keeps, side by side: its eight transmittances, negative when finished (see `blended`), then red, green and blue.
+# What a chunk keeps, side by side: its eight transmittances, negative when finished (see `blended`), then red, green
+# and blue.
 RED, GREEN, BLUE = LANES, 2 * LANES, 3 * LANES
 STATE = 4 * LANES
 
@@ -42,9 +43,10 @@ def blend_forward(
 ):  # fmt: skip
     """Write the picture (height, width, 3).
 
-    taken: (tiles,) int64, shared by all threads; the tiles that still have a zero are drawn, from `first` on in steps of `step`, 1 or -1.
-    drawn_chunks: (slots,) uint32, zeros; becomes the chunks that each splat touches and that were unfinished when its batch began. Some of them may
-    be finished before it is its turn: the backward pass, which goes the same way, finds that out again.
+    taken: (tiles,) int64, shared by all threads; the tiles that still have a zero are drawn, from `first` on in steps
+    of `step`, 1 or -1. drawn_chunks: (slots,) uint32, zeros; becomes the chunks that each splat touches and that were
+    unfinished when its batch began. Some of them may be finished before it is its turn: the backward pass, which goes
+    the same way, finds that out again.
     strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty where it is not wanted.
     """
     height, width = image.shape[:2]
@@ -64,7 +66,8 @@ def blend_forward(
                 break
             end = min(begin + BATCH, tile_starts[tile + 1])
             for entry in range(begin, end):
-                # What the next batch will need: the lists jump about in memory, and waiting for it took a fifth of the time.
+                # What the next batch will need: the lists jump about in memory, and waiting for it took a fifth of the
+                # time.
                 ahead = min(entry + BATCH, len(entries) - 1)
                 prefetch(footprints, entries[ahead, SPLAT] * layout.FOOTPRINT_COLUMNS)
                 prefetch(drawn_chunks, entries[ahead, SLOT])

@@ -1,4 +1,5 @@
-"""Gaussians to footprints: culling, projection and, apart from them, colour. The definition is core.rasterizer.reference.
+"""Gaussians to footprints: culling, projection and, apart from them, colour.
+The definition is core.rasterizer.reference.
 
 Scalar code, in float64 throughout: without vectors it costs what float32 costs, and leaves only the final rounding.
 """
@@ -30,7 +31,8 @@ SPHERE_MARGIN = 1 + 1e-9  # rounding of the axes' lengths
 
 @part
 def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
-    """Whether Gaussian `i` is finite (its SH apart), in front of the camera, rotated by a valid quaternion, not too faint.
+    """Whether Gaussian `i` is finite (its SH apart), in front of the camera,
+    rotated by a valid quaternion, not too faint.
 
     Every test is written so that NaN fails it.
     """
@@ -38,7 +40,12 @@ def can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
     total = w + x + y + z + logit_opacities[i]
     for k in range(3):
         total += np.float64(means[i, k]) + log_scales[i, k]
-    return depth > NEAR and total - total == 0 and w * w + x * x + y * y + z * z >= QUATERNION_MIN_NORM2 and logit_opacities[i] >= LEAST_LOGIT
+    return (
+        depth > NEAR
+        and total - total == 0
+        and w * w + x * x + y * y + z * z >= QUATERNION_MIN_NORM2
+        and logit_opacities[i] >= LEAST_LOGIT
+    )
 
 
 @part
@@ -149,7 +156,8 @@ def centre_in_picture(offset, rotation, lens, limits, size):
 
 @part
 def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
-    """Whether the picture is met by the box around an opaque sphere of Gaussian `i`'s largest scale: its own lies within."""
+    """Whether the picture is met by the box around an opaque sphere of
+    Gaussian `i`'s largest scale: its own lies within."""
     fx, fy, cx, cy = lens
     inverse_depth, x, y, clamped_x, clamped_y = slopes_of(offset, rotation, limits)
     across = pixel_gradient(rotation, 0, fx * inverse_depth, clamped_x)
@@ -163,7 +171,9 @@ def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
 
 
 @kernel
-def find_visible(begin, end, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible):
+def find_visible(
+    begin, end, means, quaternions, log_scales, logit_opacities, sh, rotation, centre, lens, limits, size, visible
+):
     """Write to `visible` (N,) bool which of the Gaussians `begin` to `end` are not culled."""
     for i in range(begin, end):
         visible[i] = False
@@ -185,10 +195,12 @@ def project(
     begin, end, rows, means, quaternions, log_scales, logit_opacities, probe, rotation, centre, lens, limits, size,
     footprints, depths, tile_counts, tile_loads,
 ):  # fmt: skip
-    """Write the footprints (V, layout.FOOTPRINT_COLUMNS), colours apart, and the depths (V,) float32 of the Gaussians rows[begin:end].
+    """Write the footprints (V, layout.FOOTPRINT_COLUMNS), colours apart, and the depths
+    (V,) float32 of the Gaussians rows[begin:end].
 
-    rows: (V,) int64. tile_counts: (V,) int32, the number of tiles that each touches. Of the culled only this is written, a zero.
-    tile_loads: (tiles,) int32, of this block, to which it adds how many of the Gaussians touch each tile.
+    rows: (V,) int64. tile_counts: (V,) int32, the number of tiles that each touches. Of the culled only this is
+    written, a zero. tile_loads: (tiles,) int32, of this block, to which it adds how many of the Gaussians touch each
+    tile.
     probe: (V, 2) float32, added to the centres (px), or empty.
     """
     columns = (size[0] + layout.TILE - 1) // layout.TILE
@@ -225,7 +237,8 @@ def project(
 
 @kernel
 def colour_footprints(begin, end, means, sh, centre, slot_starts, uncoloured, footprints):
-    """Write the footprints `begin` to `end` of those that touch a tile, in the colours that these harmonics show to the camera's centre.
+    """Write the footprints `begin` to `end` of those that touch a tile,
+    in the colours that these harmonics show to the camera's centre.
 
     uncoloured: as `project` wrote them. A colour that no picture holds makes a Gaussian one that is not drawn.
     """

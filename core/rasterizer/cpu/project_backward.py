@@ -27,7 +27,8 @@ def project_backward(
     footprints, slot_starts, drawn_chunks, slot_gradients,
     to_means, to_quaternions, to_log_scales, to_logit_opacities, to_sh, to_probe,
 ):  # fmt: skip
-    """Sum the slots' gradients of the Gaussians `begin` to `end`, one at a time, and write dL/d(parameters); zeros for what was not drawn.
+    """Sum the slots' gradients of the Gaussians `begin` to `end`, one at a time, and write dL/d(parameters);
+    zeros for what was not drawn.
 
     to_probe: empty where it is not wanted.
     """
@@ -70,7 +71,9 @@ def write_zeros(i, to_means, to_quaternions, to_log_scales, to_logit_opacities, 
 
 
 @part
-def ellipse_backward(i, offset, quaternions, log_scales, rotation, lens, limits, sums, to_quaternions, to_log_scales, to_probe):
+def ellipse_backward(
+    i, offset, quaternions, log_scales, rotation, lens, limits, sums, to_quaternions, to_log_scales, to_probe
+):
     """From the sums over the pixels to quaternion, log scales and probe, written, and dL/d(offset), returned."""
     fx, fy, _, _ = lens
     axis_x, axis_y, axis_z = row(rotation, 0), row(rotation, 1), row(rotation, 2)

@@ -21,12 +21,13 @@ from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system.device import sent
 
-# A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's Gaussian (4),
-# and in the backward pass the slot, and whether it was blended.
+# A Gaussian in a tile costs, in bytes: tile and owner (6), both sorted with the sort's own room (32), the entry's
+# Gaussian (4), and in the backward pass the slot, and whether it was blended.
 BYTES_PER_PAIR = 43 + 4 * layout.SLOT_COLUMNS
 MEMORY_SHARE = 0.5  # of the card, for all tile lists of one picture
 MEMORY_INTERPRETED = 4 << 30  # bytes
-# Programs of blending that a GPU has room for. Where a picture has fewer tiles, each is divided, into so many parts and sections at most.
+# Programs of blending that a GPU has room for. Where a picture has fewer tiles, each is divided, into so many parts and
+# sections at most.
 PROGRAMS = 1 if interpreted() else 8192  # the interpreter runs one after the other
 MOST_PARTS, MOST_SECTIONS = 8, 32
 MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, or in a picture, as kernels find their place with 32 bits
@@ -40,8 +41,9 @@ class Room(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is known of Gaussians in a view. view: as kernels read it. pairs: of a Gaussian and a tile that it touches, how many there are or more.
-    width, height: of the picture, px; it may be larger than what the view shows, which is then its upper left corner.
+    """What is known of Gaussians in a view. view: as kernels read it. pairs: of a Gaussian and a tile that it touches,
+    how many there are or more. width, height: of the picture, px; it may be larger than what the view shows, which is
+    then its upper left corner.
     """
 
     view: Tensor
@@ -53,8 +55,8 @@ class Known(NamedTuple):
 class CudaRasterizer:
     """Triton kernels; float32. See `contract.Rasterizer` for the methods.
 
-    The same bits in every run on one kind of card. Under Triton's interpreter it takes tensors on the CPU instead, for tests.
-    Raises BadSetting where torch finds no GPU.
+    The same bits in every run on one kind of card. Under Triton's interpreter it takes tensors on the CPU instead, for
+    tests. Raises BadSetting where torch finds no GPU.
     """
 
     name = "cuda"
@@ -62,19 +64,26 @@ class CudaRasterizer:
     def __init__(self):
         self.device = "cpu" if interpreted() else "cuda"
         if self.device == "cuda" and not torch.cuda.is_available():
-            raise BadSetting("The cuda rasterizer needs an NVIDIA GPU, and torch finds none here.", "Leave --backend out.")
+            raise BadSetting(
+                "The cuda rasterizer needs an NVIDIA GPU, and torch finds none here.", "Leave --backend out."
+            )
 
     def visible(self, splats: Splats, camera: Camera) -> Visible:
         view = view_for_kernels(camera, splats.means.device)
         shown, counts = self._find_visible(splats, view)
         count, pairs = counts.cpu().tolist()  # the host waits for the device
-        return Visible(torch.nonzero_static(shown, size=count).squeeze(1), Known(view, pairs, camera.width, camera.height))
+        return Visible(
+            torch.nonzero_static(shown, size=count).squeeze(1), Known(view, pairs, camera.width, camera.height)
+        )
 
-    def visible_within(self, splats: Splats, view: Tensor, size: tuple[int, int], room: Room) -> tuple[Visible, Int[Tensor, "2"]]:
+    def visible_within(
+        self, splats: Splats, view: Tensor, size: tuple[int, int], room: Room
+    ) -> tuple[Visible, Int[Tensor, "2"]]:
         """What a view shows, as `visible`, without waiting for the device: as much of it as there is room for.
 
-        view: see `view_of`, on the device. size: height and width of the picture (px), as large as the view's or larger. Of the rows, those that
-        are not needed are -1. Returns also for how many Gaussians and pairs there should be room; where there is not, what is drawn is incomplete.
+        view: see `view_of`, on the device. size: height and width of the picture (px), as large as the view's or
+        larger. Of the rows, those that are not needed are -1. Returns also for how many Gaussians and pairs there
+        should be room; where there is not, what is drawn is incomplete.
         """
         view = view.float()
         shown, counts = self._find_visible(splats, view)
@@ -133,7 +142,8 @@ class CudaRasterizer:
         inputs.check(splats, probe, self.name, self.device)
         if max(splats.sh.numel(), len(splats) * layout.FOOTPRINT_COLUMNS) >= MOST_NUMBERS:
             raise BadInput(
-                f"{len(splats)} Gaussians of SH degree {splats.degree} are more than the {self.name} rasterizer can count.",
+                f"{len(splats)} Gaussians of SH degree {splats.degree} are more than the "
+                f"{self.name} rasterizer can count.",
                 "Lower --max-gaussians.",
             )
 
@@ -164,7 +174,8 @@ class _Render(torch.autograd.Function):
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
         probe_gradient = torch.empty(count if ctx.probed else 0, 2, device=device)
         project_backward.project_backward[blocks(count, project_backward.BLOCK)](
-            *parameters, prepared.view, prepared.footprints, prepared.tile_counts, sums, *gradients, probe_gradient, count,
+            *parameters, prepared.view, prepared.footprints, prepared.tile_counts, sums,
+            *gradients, probe_gradient, count,
             COEFFICIENTS=parameters[-1].shape[1], PROBED=ctx.probed, BLOCK=project_backward.BLOCK,
             num_warps=project_backward.WARPS, **UNFUSED,
         )  # fmt: skip
@@ -178,7 +189,8 @@ class _Render(torch.autograd.Function):
 class Prepared:
     """What lies between projection and blending, kept for the backward pass.
 
-    width, height: of the picture, px. footprints: (N, layout.FOOTPRINT_COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32.
+    width, height: of the picture, px. footprints:
+    (N, layout.FOOTPRINT_COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32.
     """
 
     view: Tensor
@@ -210,7 +222,8 @@ def prepare(parameters: Sequence[Tensor], probe: Tensor | None, camera: Camera, 
     tile_counts = torch.empty(count, dtype=torch.int32, device=device)
     project.project[blocks(count, project.BLOCK)](
         *parameters, depths if probe is None else probe, view, footprints, depths, tile_counts, count,
-        COEFFICIENTS=parameters[-1].shape[1], PROBED=probe is not None, BLOCK=project.BLOCK, num_warps=project.WARPS, **UNFUSED,
+        COEFFICIENTS=parameters[-1].shape[1], PROBED=probe is not None, BLOCK=project.BLOCK,
+        num_warps=project.WARPS, **UNFUSED,
     )  # fmt: skip
     order, slot_starts = front_to_back(depths, tile_counts)
     slots = int(slot_starts[-1]) if known is None else known.pairs
@@ -232,7 +245,9 @@ class Drawn(NamedTuple):
     notes: Tensor | None
 
 
-def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None, differentiable: bool = False) -> Drawn:
+def draw(
+    prepared: Prepared, background: Colour, strongest: Tensor | None = None, differentiable: bool = False
+) -> Drawn:
     """Blend what was prepared. differentiable: whether `gradients_of_slots` is to come.
 
     strongest: zeros (slots,), to become the largest alpha * transmittance of each slot.
@@ -248,20 +263,23 @@ def draw(prepared: Prepared, background: Colour, strongest: Tensor | None = None
         lists.tile_starts, lists.entry_splats, lists.entry_slots, prepared.footprints,
         image, part_ends, image if notes is None else notes, image if strongest is None else strongest,
         sections, prepared.columns, width, height, *map(float, background),
-        PARTS=parts, NOTES=notes is not None, RECORD=strongest is not None, num_warps=blend_forward.WARPS[parts], **UNFUSED,
+        PARTS=parts, NOTES=notes is not None, RECORD=strongest is not None,
+        num_warps=blend_forward.WARPS[parts], **UNFUSED,
     )  # fmt: skip
     return Drawn(image, part_ends, notes)
 
 
 def gradients_of_slots(prepared: Prepared, drawn: Drawn, image_gradient: Tensor) -> tuple[Tensor, Tensor]:
-    """(slots, SLOT_COLUMNS) gradients and (slots,) which of them are set, not 0: see `blend_backward`. drawn: differentiable."""
+    """(slots, SLOT_COLUMNS) gradients and (slots,) which of them are set, not 0: see `blend_backward`.
+    drawn: differentiable."""
     lists, (image, part_ends, notes) = prepared.lists, drawn
     (height, width, _), (tiles, parts) = image.shape, part_ends.shape
     sections = 1 if notes is None else notes.shape[1]
     slot_gradients = torch.empty(len(lists.owners), layout.SLOT_COLUMNS, device=image.device)
     blended_slots = torch.zeros(len(lists.owners), dtype=torch.uint8, device=image.device)
     blend_backward.blend_backward[(tiles, sections)](
-        lists.tile_starts, part_ends, image if notes is None else notes, lists.entry_splats, lists.entry_slots, prepared.footprints,
+        lists.tile_starts, part_ends, image if notes is None else notes,
+        lists.entry_splats, lists.entry_slots, prepared.footprints,
         image, image_gradient, slot_gradients, blended_slots, sections, prepared.columns, width, height,
         PARTS=parts, NOTES=notes is not None, num_warps=blend_backward.WARPS, **FUSED,
     )  # fmt: skip

@@ -1,8 +1,8 @@
 """Tile lists: which Gaussians touch which tile, front to back, ties by index.
 
-Two stages, with small keys. The depths (32 bits) of all Gaussians are sorted once. In that order they write which tiles they
-touch, one pair per slot; a stable sort of the slots by tile (16 bits, for pictures of up to 8 megapixels) then keeps the order of
-depth within each tile. (tile, depth) pairs of 64 bits would take three times the passes.
+Two stages, with small keys. The depths (32 bits) of all Gaussians are sorted once. In that order they write which tiles
+they touch, one pair per slot; a stable sort of the slots by tile (16 bits, for pictures of up to 8 megapixels) then
+keeps the order of depth within each tile. (tile, depth) pairs of 64 bits would take three times the passes.
 
 The slots of a Gaussian are neighbours, so that what tiles write to their slots can be added up a Gaussian at a time.
 """
@@ -33,7 +33,8 @@ class TileLists:
     owners: (slots,) int32, the Gaussian of each slot.
     tile_starts: (tiles + 1,) int64: tile t has the entries tile_starts[t] to tile_starts[t + 1].
     entry_slots: (slots,) int64, entry_splats: (slots,) int32, the slot and the Gaussian of each entry.
-    Slots behind the last Gaussian's, where there is more room than was needed, belong to the tile behind the last one and, in name, to Gaussian 0.
+    Slots behind the last Gaussian's, where there is more room than was needed,
+    belong to the tile behind the last one and, in name, to Gaussian 0.
     """
 
     order: Tensor
@@ -89,7 +90,9 @@ def front_to_back(depths: Tensor, tile_counts: Tensor) -> tuple[Tensor, Tensor]:
     return order, slot_starts
 
 
-def tile_lists(order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, width: int, height: int, slots: int) -> TileLists:
+def tile_lists(
+    order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, width: int, height: int, slots: int
+) -> TileLists:
     """The lists of a picture of `width` by `height` px; slots: their number, slot_starts[-1], or more."""
     columns, rows = (-(-size // layout.TILE) for size in (width, height))
     tiles = columns * rows

@@ -3,12 +3,12 @@
 One program blends one tile. Its pixels are a flat tensor of 256, of which every thread holds a few in registers; splats
 are read as scalars, the same for all lanes. Whether all pixels are finished is asked every BATCH splats only.
 
-A small picture has fewer tiles than a GPU has room for programs. There the forward pass divides the pixels of a tile among programs, and the
-backward pass the list of its splats: a section of the list can begin without those in front of it where the forward pass has noted down what
-the pixels were like there.
+A small picture has fewer tiles than a GPU has room for programs. There the forward pass divides the pixels of a tile
+among programs, and the backward pass the list of its splats: a section of the list can begin without those in front of
+it where the forward pass has noted down what the pixels were like there.
 
-Splats are blended in pairs, each read while the one before it is blended: a small picture has too few tiles for the waiting of
-one to be hidden by the work of others.
+Splats are blended in pairs, each read while the one before it is blended: a small picture has too few tiles for the
+waiting of one to be hidden by the work of others.
 """
 
 import math
@@ -28,7 +28,8 @@ STOP = tl.constexpr(contract.STOP_TRANSMITTANCE)
 
 @triton.jit
 def pixels_of(tile, lane, columns, width, height):
-    """Of the tile's pixels `lane`, of 0 to PIXELS - 1: the centres x, y (px), the place in the picture, and whether they lie inside it."""
+    """Of the tile's pixels `lane`, of 0 to PIXELS - 1:
+    the centres x, y (px), the place in the picture, and whether they lie inside it."""
     column = tile % columns * footprint.TILE + lane % footprint.TILE
     row = tile // columns * footprint.TILE + lane // footprint.TILE
     inside = (column < width) & (row < height)
@@ -43,7 +44,8 @@ def section_length(entries, sections):
 
 @triton.jit
 def note_of(tile, section, sections, lane):
-    """Where the four numbers are noted down that the pixels have at the beginning of a section, light first; each PIXELS behind the last."""
+    """Where the four numbers are noted down that the pixels have at the beginning of a section, light first;
+    each PIXELS behind the last."""
     return (tile.to(tl.int64) * sections + section) * 4 * PIXELS + lane
 
 
@@ -55,18 +57,29 @@ def splat_of(entry_splats, entry, end):
 
 @triton.jit
 def read_splat(footprints, splat, exists):
-    """The six numbers of a splat's shape, as `coverage` takes them, and its colour; if there is none, nothing to be seen."""
+    """The six numbers of a splat's shape, as `coverage` takes them, and its colour;
+    if there is none, nothing to be seen."""
     at = footprints + splat * footprint.COLUMNS
     x, y = tl.load(at + footprint.X, mask=exists, other=0.0), tl.load(at + footprint.Y, mask=exists, other=0.0)
-    slope, sharpness = tl.load(at + footprint.SLOPE, mask=exists, other=0.0), tl.load(at + footprint.SHARPNESS, mask=exists, other=0.0)
-    fall, strength = tl.load(at + footprint.FALL, mask=exists, other=0.0), tl.load(at + footprint.STRENGTH, mask=exists, other=float("-inf"))
-    red, green = tl.load(at + footprint.RED, mask=exists, other=0.0), tl.load(at + footprint.GREEN, mask=exists, other=0.0)
+    slope, sharpness = (
+        tl.load(at + footprint.SLOPE, mask=exists, other=0.0),
+        tl.load(at + footprint.SHARPNESS, mask=exists, other=0.0),
+    )
+    fall, strength = (
+        tl.load(at + footprint.FALL, mask=exists, other=0.0),
+        tl.load(at + footprint.STRENGTH, mask=exists, other=float("-inf")),
+    )
+    red, green = (
+        tl.load(at + footprint.RED, mask=exists, other=0.0),
+        tl.load(at + footprint.GREEN, mask=exists, other=0.0),
+    )
     return (x, y, slope, sharpness, fall, strength), (red, green, tl.load(at + footprint.BLUE, mask=exists, other=0.0))
 
 
 @triton.jit
 def coverage(shape, x, y):
-    """Alpha of a splat in the pixels before the clamp at ALPHA_MAX, 0 where it is below ALPHA_MIN; and e = dx - slope dy, dy."""
+    """Alpha of a splat in the pixels before the clamp at ALPHA_MAX, 0 where it is below ALPHA_MIN;
+    and e = dx - slope dy, dy."""
     middle_x, middle_y, slope, sharpness, fall, strength = shape
     dy = y - middle_y
     e = tl.fma(-slope, dy, x - middle_x)
@@ -78,13 +91,15 @@ def coverage(shape, x, y):
 
 @triton.jit
 def blended(light, alpha):
-    """A splat over what is left of the light: (alpha or 0 where the pixel is finished, weight, the light behind it, 1 - alpha).
+    """A splat over what is left of the light: (alpha or 0 where the pixel is finished, weight,
+    the light behind it, 1 - alpha).
 
-    light is negative once its pixel is finished (or lies outside the picture), so that it then fails the test against STOP
-    for good.
+    light is negative once its pixel is finished (or lies outside the picture),
+    so that it then fails the test against STOP for good.
     """
     let_through = 1.0 - alpha
-    left_over = light * let_through  # not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers
+    # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.
+    left_over = light * let_through
     goes_on = left_over >= STOP
     shown = tl.where(goes_on, alpha, 0.0)
     return shown, shown * light, tl.where(goes_on, left_over, negative(tl.abs(light))), let_through

@@ -4,7 +4,17 @@ import triton
 import triton.language as tl
 
 from core.rasterizer import layout
-from core.rasterizer.cuda.blend import ALPHA_MAX, PIXELS, blended, coverage, note_of, pixels_of, read_splat, section_length, splat_of
+from core.rasterizer.cuda.blend import (
+    ALPHA_MAX,
+    PIXELS,
+    blended,
+    coverage,
+    note_of,
+    pixels_of,
+    read_splat,
+    section_length,
+    splat_of,
+)
 
 WARPS = 1  # nine sums over a tile per splat: within one warp they need no barrier
 LANES = tl.constexpr(32)
@@ -12,7 +22,11 @@ LANES = tl.constexpr(32)
 # Of a row of the slots' gradients.
 SUM_G, SUM_GE, SUM_GEE = tl.constexpr(layout.SUM_G), tl.constexpr(layout.SUM_GE), tl.constexpr(layout.SUM_GEE)
 SUM_GY, SUM_GEY, SUM_GYY = tl.constexpr(layout.SUM_GY), tl.constexpr(layout.SUM_GEY), tl.constexpr(layout.SUM_GYY)
-SUM_RED, SUM_GREEN, SUM_BLUE = tl.constexpr(layout.SUM_RED), tl.constexpr(layout.SUM_GREEN), tl.constexpr(layout.SUM_BLUE)
+SUM_RED, SUM_GREEN, SUM_BLUE = (
+    tl.constexpr(layout.SUM_RED),
+    tl.constexpr(layout.SUM_GREEN),
+    tl.constexpr(layout.SUM_BLUE),
+)
 SLOT_COLUMNS = tl.constexpr(layout.SLOT_COLUMNS)
 
 BLOCK = 4  # Gaussians per program of `add_up`, whose loads hide each other's waiting
@@ -22,14 +36,15 @@ PADDED_COLUMNS = tl.constexpr(16)  # Triton's tensors have powers of two
 
 @triton.jit(do_not_specialize=["sections", "columns", "width", "height"])
 def blend_backward(
-    tile_starts, part_ends, notes, entry_splats, entry_slots, footprints, image, image_gradient, slot_gradients, blended_slots,
+    tile_starts, part_ends, notes, entry_splats, entry_slots, footprints,
+    image, image_gradient, slot_gradients, blended_slots,
     sections, columns, width, height, PARTS: tl.constexpr, NOTES: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients (slots, SLOT_COLUMNS) of the slots that the forward pass blended in a section of a tile's list, from dL/d(image), and
-    which these are.
+    """Write the gradients (slots, SLOT_COLUMNS) of the slots that the forward pass blended in a section of a
+    tile's list, from dL/d(image), and which these are.
 
-    part_ends, notes: as the forward pass left them. blended_slots: zeros (slots,) uint8, to become 1 there; the gradients of the others are left
-    as they are.
+    part_ends, notes: as the forward pass left them. blended_slots: zeros (slots,) uint8, to become 1 there; the
+    gradients of the others are left as they are.
     """
     tile, section = tl.program_id(0), tl.program_id(1)
     pixel = tl.arange(0, PIXELS)
@@ -89,22 +104,34 @@ def sums_of(shape, colour, v, light, behind, x, y, lane):
     pull += v[1] * colour[1]
     pull += v[2] * colour[2]
     behind -= weight * pull
-    # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. A division takes eight instructions, most of them
-    # for what lies beyond 1e-38 and 1e38.
+    # alpha dL/d alpha = w (v . c) - S alpha / (1 - alpha); nothing where alpha was clamped. A division takes eight
+    # instructions, most of them for what lies beyond 1e-38 and 1e38.
     inverse_root = tl.rsqrt(let_through)
     g = weight * pull - behind * shown * (inverse_root * inverse_root)
     g = tl.where(unclamped <= ALPHA_MAX, g, 0.0)
     ge, gy = g * e, g * dy
-    return over_pixels(g, ge, ge * e, gy, gy * e, gy * dy, weight * v[0], weight * v[1], weight * v[2], lane), light, behind
+    return (
+        over_pixels(g, ge, ge * e, gy, gy * e, gy * dy, weight * v[0], weight * v[1], weight * v[2], lane),
+        light,
+        behind,
+    )
 
 
 @triton.jit
 def over_pixels(g, ge, gee, gy, gey, gyy, red, green, blue, lane):
     """The sums over all pixels, each in the lanes for which `column_of` says so, in this order, which is the slots'.
 
-    At every halving of the warp a lane keeps one value of two and hands on the other: twelve shuffles, where nine sums by themselves take 45.
+    At every halving of the warp a lane keeps one value of two and hands on the other:
+    twelve shuffles, where nine sums by themselves take 45.
     """
-    g, ge, gee, gy, gey, gyy = over_rows(g), over_rows(ge), over_rows(gee), over_rows(gy), over_rows(gey), over_rows(gyy)
+    g, ge, gee, gy, gey, gyy = (
+        over_rows(g),
+        over_rows(ge),
+        over_rows(gee),
+        over_rows(gy),
+        over_rows(gey),
+        over_rows(gyy),
+    )
     red, green, blue = over_rows(red), over_rows(green), over_rows(blue)
     first, second = halved(g, ge, lane, 16), halved(gee, gy, lane, 16)
     third, fourth = halved(gey, gyy, lane, 16), halved(red, green, lane, 16)
@@ -148,7 +175,8 @@ def crossing(values, lane, BIT: tl.constexpr):
 
 @triton.jit(do_not_specialize=["count"])
 def add_up(order, slot_starts, slot_gradients, blended_slots, sums, count, BLOCK: tl.constexpr):
-    """Sum the slots of each Gaussian that were blended, always in the same order, into its row of sums (N, SLOT_COLUMNS)."""
+    """Sum the slots of each Gaussian that were blended, always in the same order,
+    into its row of sums (N, SLOT_COLUMNS)."""
     position = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known = position < count
     splat = tl.load(order + position, mask=known, other=0)

@@ -27,9 +27,9 @@ def blend_forward(
 ):  # fmt: skip
     """Write one of PARTS parts of a tile into the picture (height, width, 3), and where its list was left.
 
-    part_ends: (tiles, PARTS) int64, the entry before which all pixels were finished. notes: (tiles, sections, 4, PIXELS), light and colours before
-    each section of the list that is reached; written if NOTES. strongest: (slots,), to become the largest alpha * transmittance of each slot;
-    written if RECORD, which goes with one part.
+    part_ends: (tiles, PARTS) int64, the entry before which all pixels were finished. notes: (tiles, sections, 4,
+    PIXELS), light and colours before each section of the list that is reached; written if NOTES. strongest: (slots,),
+    to become the largest alpha * transmittance of each slot; written if RECORD, which goes with one part.
     """
     tile, part = tl.program_id(0) // PARTS, tl.program_id(0) % PARTS
     lane = part * (PIXELS // PARTS) + tl.arange(0, PIXELS // PARTS)
@@ -80,4 +80,10 @@ def over(shape, colour, light, red, green, blue, x, y):
     """The weight of a splat in the pixels, the light behind it, and the colours with it."""
     alpha, _, _ = coverage(shape, x, y)
     _, weight, light, _ = blended(light, tl.minimum(alpha, ALPHA_MAX))
-    return weight, light, tl.fma(weight, colour[0], red), tl.fma(weight, colour[1], green), tl.fma(weight, colour[2], blue)
+    return (
+        weight,
+        light,
+        tl.fma(weight, colour[0], red),
+        tl.fma(weight, colour[1], green),
+        tl.fma(weight, colour[2], blue),
+    )

@@ -1,4 +1,5 @@
-"""From a Gaussian's parameters to its ellipse: what projecting and its gradient share. The definition is the reference."""
+"""From a Gaussian's parameters to its ellipse: what projecting and its gradient share.
+The definition is the reference."""
 
 import math
 
@@ -49,7 +50,8 @@ def parameters_of(means, quaternions, log_scales, logit_opacities, row, known):
 
 @triton.jit
 def offset_from(view, mean):
-    """The mean in world axes, from the camera. Subtracted before anything is rotated: far from the origin float32 needs it."""
+    """The mean in world axes, from the camera. Subtracted before anything is rotated:
+    far from the origin float32 needs it."""
     return subtract(subtract(mean, constants_3(view, CENTRE)), constants_3(view, CENTRE_REST))
 
 
@@ -61,7 +63,8 @@ def norm2_of(quaternion):
 
 @triton.jit
 def can_be_projected(offset, quaternion, log_scale, logit, depth):
-    """Whether a Gaussian is finite (its SH apart), in front of the camera, rotated by a valid quaternion, not too faint.
+    """Whether a Gaussian is finite (its SH apart), in front of the camera,
+    rotated by a valid quaternion, not too faint.
 
     Every test is written so that NaN fails it, and so do finite numbers whose squares overflow.
     """
@@ -113,7 +116,8 @@ def depth_of(view, offset):
 
 @triton.jit
 def slopes_of(view, offset, depth):
-    """The inverse depth, x / z and y / z, and the latter two clamped to the view's limits, which is for the Jacobian only."""
+    """The inverse depth, x / z and y / z, and the latter two clamped to the view's limits,
+    which is for the Jacobian only."""
     inverse_depth = 1.0 / depth
     x = inverse_depth * dot(constants_3(view, ROTATION), offset)
     y = inverse_depth * dot(constants_3(view, ROTATION + 3), offset)
@@ -157,7 +161,9 @@ def ellipse(view, offset, depth, quaternion, log_scale):
     _, _, axes = axes_of(quaternion)
     scales = scales_of(log_scale)
     x_gradient, y_gradient = pixel_gradients(view, inverse_depth, clamped_x, clamped_y)
-    a, b, c, determinant = covariance(projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales))
+    a, b, c, determinant = covariance(
+        projected_axes(x_gradient, axes, scales), projected_axes(y_gradient, axes, scales)
+    )
     centre_x = tl.load(view + FOCAL_X) * x + tl.load(view + MIDDLE_X)
     centre_y = tl.load(view + FOCAL_Y) * y + tl.load(view + MIDDLE_Y)
     return centre_x, centre_y, a, b, c, determinant

@@ -72,14 +72,20 @@ def direction_gradient(to_basis, direction, COEFFICIENTS: tl.constexpr):
 def load_sh(sh, row, known, COEFFICIENTS: tl.constexpr):
     """The coefficients of Gaussian `row`, a tuple of (red, green, blue), zeros where `known` is false.
 
-    Rows are far apart, so that every load of a warp touches as many lines of the cache as it has lanes: the fewer loads, the better.
+    Rows are far apart, so that every load of a warp touches as many lines of the cache as it has lanes:
+    the fewer loads, the better.
     """
     coefficients = ()
     if COEFFICIENTS % 4 == 0:
         for k in tl.static_range(0, COEFFICIENTS, 4):
             at = row * (3 * COEFFICIENTS) + 3 * k
             a, b, c = load_4(sh, at, known), load_4(sh, at + 4, known), load_4(sh, at + 8, known)
-            coefficients = coefficients + ((a[0], a[1], a[2]), (a[3], b[0], b[1]), (b[2], b[3], c[0]), (c[1], c[2], c[3]))
+            coefficients = coefficients + (
+                (a[0], a[1], a[2]),
+                (a[3], b[0], b[1]),
+                (b[2], b[3], c[0]),
+                (c[1], c[2], c[3]),
+            )
     else:
         for k in tl.static_range(COEFFICIENTS):
             coefficients = coefficients + (load_3(sh, row * COEFFICIENTS + k, known),)
@@ -94,8 +100,12 @@ def store_sh(sh, row, terms, colour, known, COEFFICIENTS: tl.constexpr):
         for k in tl.static_range(0, COEFFICIENTS, 4):
             at = row * (3 * COEFFICIENTS) + 3 * k
             store_4(sh, at, (terms[k] * red, terms[k] * green, terms[k] * blue, terms[k + 1] * red), known)
-            store_4(sh, at + 4, (terms[k + 1] * green, terms[k + 1] * blue, terms[k + 2] * red, terms[k + 2] * green), known)
-            store_4(sh, at + 8, (terms[k + 2] * blue, terms[k + 3] * red, terms[k + 3] * green, terms[k + 3] * blue), known)
+            store_4(
+                sh, at + 4, (terms[k + 1] * green, terms[k + 1] * blue, terms[k + 2] * red, terms[k + 2] * green), known
+            )
+            store_4(
+                sh, at + 8, (terms[k + 2] * blue, terms[k + 3] * red, terms[k + 3] * green, terms[k + 3] * blue), known
+            )
     else:
         for k in tl.static_range(COEFFICIENTS):
             store_3(sh, row * COEFFICIENTS + k, scaled(terms[k], colour), known)

@@ -41,7 +41,9 @@ def tiles_touched(view, x, y, slope, half_height, half_width, lean, shows):
     most_rows = tl.max(rows, axis=0)
     step = 0
     while step < most_rows:
-        first, last = touched_columns(x, y, slope, half_height, half_width, lean, first_row + step, tl.load(view + WIDTH))
+        first, last = touched_columns(
+            x, y, slope, half_height, half_width, lean, first_row + step, tl.load(view + WIDTH)
+        )
         touched += tl.where(step < rows, last - first, 0)
         step += 1
     return touched
@@ -74,10 +76,11 @@ def project(
     means, quaternions, log_scales, logit_opacities, sh, probe, view, footprints, depths, tile_counts, count,
     COEFFICIENTS: tl.constexpr, PROBED: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write the footprints (N, footprint.COLUMNS) of the Gaussians, their depths (N,) and how many tiles each touches (N,).
+    """Write the footprints (N, footprint.COLUMNS) of the Gaussians, their depths
+    (N,) and how many tiles each touches (N,).
 
-    Of the culled no footprint is written, a depth of infinity, and a count of 0. probe: (N, 2), added to the centres (px);
-    read if PROBED.
+    Of the culled no footprint is written, a depth of infinity, and a count of 0.
+    probe: (N, 2), added to the centres (px); read if PROBED.
     """
     row = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known = row < count

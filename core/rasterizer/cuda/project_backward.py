@@ -58,7 +58,9 @@ def project_backward(
     depth = tl.where(drawn, depth_of(view, offset), 1.0)
 
     at = sums + row * SLOT_COLUMNS
-    to_offset, to_quaternion, to_log_scale, to_x, to_y = ellipse_backward(view, offset, depth, quaternion, log_scale, at, drawn)
+    to_offset, to_quaternion, to_log_scale, to_x, to_y = ellipse_backward(
+        view, offset, depth, quaternion, log_scale, at, drawn
+    )
     through_colour = colour_backward(row, offset, sh, footprints, at, to_sh, known, drawn, COEFFICIENTS)
     store_3(to_means, row, where_3(drawn, add(to_offset, through_colour)), known)
     store_3(to_log_scales, row, where_3(drawn, to_log_scale), known)
@@ -82,13 +84,14 @@ def where_3(condition, a):
 def ellipse_backward(view, offset, depth, quaternion, log_scale, sums, drawn):
     """From the sums over the pixels to dL/d of offset, quaternion, log scales and centre (px).
 
-    With A = c / det and m = b / c as in core.rasterizer.cpu.project_backward, whose sums cancel in float32 for a needle. Here the rows V_x, `across`,
-    and V_y, `down`, of V = J W R S enter by q = V_y / c and by
+    With A = c / det and m = b / c as in core.rasterizer.cpu.project_backward, whose sums cancel in float32 for a
+    needle. Here the rows V_x, `across`, and V_y, `down`, of V = J W R S enter by q = V_y / c and by
 
         r = V_x - m V_y = q x (V_x x V_y) + blur V_x / c
 
-    alone: dA = -2 A^2 r dV_x + 2 m A^2 r dV_y, dm = q dV_x + (r / c - m q) dV_y, d(1 / c) = -2 q / c dV_y. An axis that is stretched adds to its
-    own entries of V, and one that turns to those of another: what comes of either is a `pull`, which is symmetric.
+    alone: dA = -2 A^2 r dV_x + 2 m A^2 r dV_y, dm = q dV_x + (r / c - m q) dV_y, d(1 / c) = -2 q / c dV_y. An axis that
+    is stretched adds to its own entries of V, and one that turns to those of another: what comes of either is a `pull`,
+    which is symmetric.
     """
     axis_x, axis_y = constants_3(view, ROTATION), constants_3(view, ROTATION + 3)
     axis_z = constants_3(view, ROTATION + 6)
@@ -125,9 +128,12 @@ def ellipse_backward(view, offset, depth, quaternion, log_scale, sums, drawn):
     )
     to_quaternion = quaternion_gradient(unit_quaternion, inverse_norm, turns)
 
-    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth, which shrinks all axes.
+    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth, which
+    # shrinks all axes.
     to_across = subtract(scaled(to_lean, q), scaled(2.0 * spread, r))
-    to_down = subtract(scaled(2.0 * lean * spread + inverse_c * to_lean, r), scaled(lean * to_lean + 2.0 * inverse_c * to_inverse_c, q))
+    to_down = subtract(
+        scaled(2.0 * lean * spread + inverse_c * to_lean, r), scaled(lean * to_lean + 2.0 * inverse_c * to_inverse_c, q)
+    )
     in_depth = projected_axes(axis_z, axes, scales)
     to_slope_x, to_slope_y = fx * to_x, fy * to_y
     to_slope_x -= tl.where(clamped_x == slope_x, fx * inverse_depth * dot(to_across, in_depth), 0.0)
@@ -154,7 +160,8 @@ def log_scale_gradient(log_scale, gradient):
 
 @triton.jit
 def quaternion_gradient(unit_quaternion, inverse_norm, turns):
-    """From dL/d(turns about the ellipsoid's own axes, radians) to dL/d(quaternion), its normalisation included: its change dq turns by 2 q* dq."""
+    """From dL/d(turns about the ellipsoid's own axes, radians) to dL/d(quaternion), its normalisation included:
+    its change dq turns by 2 q* dq."""
     w, x, y, z = unit_quaternion
     first, second, third = scaled(2.0 * inverse_norm, turns)
     return (
@@ -173,7 +180,9 @@ def colour_backward(row, offset, sh, footprints, sums, to_sh, known, drawn, COEF
     at = footprints + row * footprint.COLUMNS
     # A colour that was clamped at zero has no gradient.
     red = tl.where(tl.load(at + footprint.RED, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_RED, mask=drawn), 0.0)
-    green = tl.where(tl.load(at + footprint.GREEN, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_GREEN, mask=drawn), 0.0)
+    green = tl.where(
+        tl.load(at + footprint.GREEN, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_GREEN, mask=drawn), 0.0
+    )
     blue = tl.where(tl.load(at + footprint.BLUE, mask=drawn, other=0.0) > 0, tl.load(sums + SUM_BLUE, mask=drawn), 0.0)
     store_sh(to_sh, row, terms, (red, green, blue), known, COEFFICIENTS)
     coefficients, to_basis = load_sh(sh, row, drawn, COEFFICIENTS), ()

@@ -63,7 +63,8 @@ def constants_3(array, at):
 
 @triton.jit
 def load_4(array, at, known):
-    """Four numbers that lie beside each other, from `at` on, zeros where `known` is false: one instruction where `at` is a multiple of 4."""
+    """Four numbers that lie beside each other, from `at` on, zeros where `known` is false:
+    one instruction where `at` is a multiple of 4."""
     numbers = tl.load(array + at[:, None] + tl.arange(0, 4)[None, :], mask=known[:, None], other=0.0)
     even, odd = tl.split(tl.reshape(numbers, (at.shape[0], 2, 2)))
     first, third = tl.split(even)

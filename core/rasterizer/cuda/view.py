@@ -1,4 +1,5 @@
-"""The positions in a camera's array (core.rasterizer.view) for kernels, which read it in float32 and so need not take 25 numbers one by one."""
+"""The positions in a camera's array (core.rasterizer.view) for kernels,
+which read it in float32 and so need not take 25 numbers one by one."""
 
 import triton.language as tl
 

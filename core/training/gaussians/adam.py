@@ -1,9 +1,9 @@
 """Adam for Gaussians: only the rows seen in this step are touched.
 
 A Gaussian outside the view has no gradient; updating it all the same would move it by stale momentum and cost memory
-traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction. What begins to
-learn later than a row's harmonics has no such correction: its first hundred steps are two to four times too long, which did
-no harm (core/TRIED.md).
+traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction. What
+begins to learn later than a row's harmonics has no such correction: its first hundred steps are two to four times too
+long, which did no harm (core/TRIED.md).
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,8 @@ from core.system.threads import in_parallel
 BETA_1, BETA_2 = 0.9, 0.999
 EPSILON = 1e-15  # 3DGS: gradients of means over pixels are tiny
 ROWS_PER_BLOCK = 2048
-# Gradients are cut there: the square of one twenty times as large is infinite in float32, and its row would never move again.
+# Gradients are cut there: the square of one twenty times as large is infinite in float32, and its row would never move
+# again.
 LARGEST_GRADIENT = 1e18
 
 
@@ -46,13 +47,15 @@ def _update(values, first, second, gradient, rates, counts, corrections, rows, b
 
 @cache
 def corrections(count: int) -> np.ndarray:
-    """1 / (1 - beta^t) of both moments for each number t of updates below `count`: two powers per row cost more than the rest."""
+    """1 / (1 - beta^t) of both moments for each number t of updates below `count`:
+    two powers per row cost more than the rest."""
     powers = np.power([BETA_1, BETA_2], np.arange(1, count)[:, None])
     return np.concatenate([np.ones((1, 2)), 1 / (1 - powers)]).astype(np.float32)
 
 
 class Moved(NamedTuple):
-    """One tensor to be moved. values, first, second: (N, ...) float32 parameters and moments. gradient: (V, ...), finite.
+    """One tensor to be moved. values, first, second: (N, ...) float32 parameters and moments.
+    gradient: (V, ...), finite.
     rates: one learning rate for each element of a row.
     """
 

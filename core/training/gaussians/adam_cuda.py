@@ -1,4 +1,5 @@
-"""Adam for Gaussians on a GPU: core.training.gaussians.adam in one launch for all parameters, where plain torch takes twenty for each."""
+"""Adam for Gaussians on a GPU: core.training.gaussians.adam in one launch for all parameters,
+where plain torch takes twenty for each."""
 
 from functools import cache
 
@@ -24,9 +25,11 @@ def update(
     values, first, second, gradients, rates, counts, corrections, rows, taken, count, solid,
     COLUMNS: tl.constexpr, FREE: tl.constexpr, ROWS: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """`adam.adam_rows` for `count` rows of tuples of arrays but those of -1, if `taken` () is true; each program has ROWS of them to itself.
+    """`adam.adam_rows` for `count` rows of tuples of arrays but those of -1, if `taken` () is true;
+    each program has ROWS of them to itself.
 
-    COLUMNS: of each array. FREE: how many of these move from row `solid` on. rates: those of all arrays, one behind the other.
+    COLUMNS: of each array. FREE: how many of these move from row `solid` on.
+    rates: those of all arrays, one behind the other.
     corrections: (UPDATES, 2), by number of updates.
     """
     if tl.load(taken) != 0:
@@ -52,7 +55,9 @@ def update(
                 unbias_2 = tl.load(corrections + 2 * updates + 1, mask=known, other=0.0)
                 rate = tl.load(rates + column, mask=known, other=0.0)
                 step = rate * m * unbias_1 / (tl.sqrt_rn(v * unbias_2) + EPSILON)
-                tl.store(values[array] + place, tl.load(values[array] + place, mask=known, other=0.0) - step, mask=known)
+                tl.store(
+                    values[array] + place, tl.load(values[array] + place, mask=known, other=0.0) - step, mask=known
+                )
                 block += BLOCK
             rates += COLUMNS[array]
         tl.debug_barrier()  # all threads have read the counts
@@ -61,17 +66,25 @@ def update(
         tl.store(counts + row, tl.load(counts + row, mask=row >= 0, other=0) + 1, mask=row >= 0)
 
 
-def step(gaussians: Gaussians, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor) -> None:
+def step(
+    gaussians: Gaussians, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor
+) -> None:
     """As `Gaussians.step`, all on one GPU."""
-    gradients = {name: leaf.grad.contiguous() for name, leaf in leaves.items() if name in rates and leaf.grad is not None}
+    gradients = {
+        name: leaf.grad.contiguous() for name, leaf in leaves.items() if name in rates and leaf.grad is not None
+    }
     if not (len(rows) and gradients):
         return  # a view of nothing
-    parameters = [tuple(tensors[name] for name in gradients) for tensors in (gaussians.parameters, gaussians.first, gaussians.second)]
+    parameters = [
+        tuple(tensors[name] for name in gradients)
+        for tensors in (gaussians.parameters, gaussians.first, gaussians.second)
+    ]
     columns = tuple(len(rates[name]) for name in gradients)
     update[blocks(len(rows), ROWS)](
         *parameters, tuple(gradients.values()), torch.cat([rates[name] for name in gradients]),
         gaussians.counts, _corrections(rows.device), rows, taken, len(rows), gaussians.solid,
-        COLUMNS=columns, FREE=tuple(map(free_columns, gradients, columns)), ROWS=ROWS, BLOCK=BLOCK, num_warps=WARPS, **FUSED,
+        COLUMNS=columns, FREE=tuple(map(free_columns, gradients, columns)),
+        ROWS=ROWS, BLOCK=BLOCK, num_warps=WARPS, **FUSED,
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Chosen rows of tensors on a GPU, in one launch for all: core.training.gaussians.chosen_rows.
 
-torch's index_select starts a small program for every row of every tensor, which takes seven times as long as moving the rows.
+torch's index_select starts a small program for every row of every tensor,
+which takes seven times as long as moving the rows.
 """
 
 import math
@@ -16,7 +17,8 @@ BLOCK = 1024  # numbers per program, eight per thread
 
 @triton.jit(do_not_specialize=["count"])
 def take_rows(sources, copies, rows, count, COLUMNS: tl.constexpr, BLOCK: tl.constexpr):
-    """Write `count` rows of each array of `sources`, which has as many COLUMNS, to its place in `copies`, zeros for a row of -1; both are tuples.
+    """Write `count` rows of each array of `sources`, which has as many COLUMNS, to its place in `copies`,
+    zeros for a row of -1; both are tuples.
 
     A program writes BLOCK numbers of one of them, the first programs those of the first.
     """
@@ -38,5 +40,7 @@ def chosen_rows(tensors: dict[str, Tensor], rows: Tensor) -> dict[str, Tensor]:
     copies = {name: tensor.new_empty(len(rows), *tensor.shape[1:]) for name, tensor in tensors.items()}
     columns = tuple(math.prod(tensor.shape[1:]) for tensor in tensors.values())
     programs = sum(blocks(copy.numel(), BLOCK)[0] for copy in copies.values())
-    take_rows[(programs,)](tuple(tensors.values()), tuple(copies.values()), rows, len(rows), COLUMNS=columns, BLOCK=BLOCK, **FUSED)
+    take_rows[(programs,)](
+        tuple(tensors.values()), tuple(copies.values()), rows, len(rows), COLUMNS=columns, BLOCK=BLOCK, **FUSED
+    )
     return copies

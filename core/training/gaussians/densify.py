@@ -16,8 +16,8 @@ SPLIT_SCALE = 0.01  # scene units (3DGS: percent_dense): larger Gaussians split,
 SPLIT_SHRINK = 1.6  # 3DGS
 LEAST_KEPT = 1 / 4  # of the Gaussians, whatever they contribute: after few steps none are opaque yet
 GRADIENT_THRESHOLD = 2e-4  # 3DGS threshold on the mean gradient of the projected centre, in half pictures
-# Longest axis over the shortest, at most. From near, viewers that form a c - b^2 in float32 draw what is stiffer than 400 wrong. Photos look the
-# same: in them no splat is less than half a pixel wide.
+# Longest axis over the shortest, at most. From near, viewers that form a c - b^2 in float32 draw what is stiffer than
+# 400 wrong. Photos look the same: in them no splat is less than half a pixel wide.
 STIFFEST = 300.0
 ALL_GONE = (
     "The last Gaussians were removed as faint, large, far from the points or of no use; only the sky is left, if any. "
@@ -28,15 +28,18 @@ ALL_GONE = (
 def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, half_size: Tensor, taken: Tensor) -> None:
     """Add one view's screen-space gradients to the statistics, if its step is `taken` ().
 
-    rows: (V,) int64; on a GPU, -1 is padding. probe_gradient: (V, 2) dL/d(projected centre) per pixel, which is scaled to half pictures so that
-    picture size does not matter. half_size: (2,), half the picture's width and height, px.
+    rows: (V,) int64; on a GPU, -1 is padding. probe_gradient: (V, 2) dL/d(projected centre) per pixel, which is scaled
+    to half pictures so that picture size does not matter. half_size: (2,), half the picture's width and height, px.
     """
     if rows.device.type == "cuda":
-        from core.training.gaussians import density_statistics_cuda  # Triton, which a machine without a GPU need not have
+        # Triton, which a machine without a GPU need not have.
+        from core.training.gaussians import density_statistics_cuda
 
         density_statistics_cuda.gather(gaussians, rows, probe_gradient, half_size, taken)
     elif taken:
-        _gather(*(tensor.numpy() for tensor in (probe_gradient, half_size, rows, gaussians.gradient_sum, gaussians.seen)))
+        _gather(
+            *(tensor.numpy() for tensor in (probe_gradient, half_size, rows, gaussians.gradient_sum, gaussians.seen))
+        )
 
 
 @exact_kernel
@@ -57,8 +60,9 @@ def plain_gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, hal
 class Surroundings:
     """Where Gaussians may be: near the SfM points, as near as these lie to each other.
 
-    What floats elsewhere explains one photo and spoils the view of the others. Each point allows a ball around it, with a radius of `reach`
-    times its distance to its fourth neighbour, or times the median of these distances if that is larger.
+    What floats elsewhere explains one photo and spoils the view of the others. Each point allows a ball around it, with
+    a radius of `reach` times its distance to its fourth neighbour, or times the median of these distances if that is
+    larger.
     """
 
     def __init__(self, points: np.ndarray, reach: float):
@@ -72,7 +76,9 @@ class Surroundings:
     def outside(self, means: Tensor) -> Tensor:
         """Which of the centres (N, 3) lie in no ball around one of their eight nearest points."""
         # The tree refuses NaN; a Gaussian that is not finite is removed in any case, wherever it is taken to be.
-        distances, nearest = self.tree.query(torch.nan_to_num(means).cpu().numpy(), k=range(1, min(8, len(self.radii)) + 1))
+        distances, nearest = self.tree.query(
+            torch.nan_to_num(means).cpu().numpy(), k=range(1, min(8, len(self.radii)) + 1)
+        )
         return torch.from_numpy((distances > self.radii[nearest]).all(axis=1)).to(means.device)
 
 
@@ -95,7 +101,8 @@ def thicken(gaussians: Gaussians) -> None:
 
 
 def prune_by_contribution(gaussians: Gaussians, largest: Tensor, share: float) -> None:
-    """Remove Gaussians whose largest contribution to any view (N,) is below `share`, but keep at least LEAST_KEPT of all, the strongest."""
+    """Remove Gaussians whose largest contribution to any view (N,) is below `share`,
+    but keep at least LEAST_KEPT of all, the strongest."""
     solid = gaussians.solid
     least = solid - int((1 - LEAST_KEPT) * solid)
     kept = largest >= share
@@ -105,7 +112,8 @@ def prune_by_contribution(gaussians: Gaussians, largest: Tensor, share: float) -
 
 
 def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
-    """Clone or split the Gaussians with screen-space gradients above GRADIENT_THRESHOLD, but at most `budget` of them, those with the largest.
+    """Clone or split the Gaussians with screen-space gradients above GRADIENT_THRESHOLD,
+    but at most `budget` of them, those with the largest.
 
     A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
     The gathered statistics start anew.

@@ -1,4 +1,5 @@
-"""What density control gathers, on a GPU: core.training.gaussians.densify.gather in one launch, where plain torch takes nine."""
+"""What density control gathers, on a GPU: core.training.gaussians.densify.gather in one launch,
+where plain torch takes nine."""
 
 import triton
 import triton.language as tl
@@ -27,5 +28,6 @@ def add_view(gradient_sum, seen, rows, probe_gradient, half_size, taken, count, 
 def gather(gaussians: Gaussians, rows: Tensor, probe_gradient: Tensor, half_size: Tensor, taken: Tensor) -> None:
     """As `densify.gather`, all on one GPU."""
     add_view[blocks(len(rows), BLOCK)](
-        gaussians.gradient_sum, gaussians.seen, rows, probe_gradient.contiguous(), half_size, taken, len(rows), BLOCK=BLOCK, **FUSED
+        gaussians.gradient_sum, gaussians.seen, rows, probe_gradient.contiguous(), half_size, taken, len(rows),
+        BLOCK=BLOCK, **FUSED,
     )  # fmt: skip

@@ -78,7 +78,8 @@ class Gaussians:
         return {name: copy.requires_grad_() for name, copy in chosen_rows(self.parameters, rows).items()}
 
     def step(self, rows: Tensor, leaves: dict[str, Tensor], rates: dict[str, Tensor], taken: Tensor) -> None:
-        """One Adam step of the chosen rows, ascending, from the gradients gathered by their leaves; what has no rate stays.
+        """One Adam step of the chosen rows, ascending,
+        from the gradients gathered by their leaves; what has no rate stays.
 
         taken: (), whether it is taken at all, which a GPU decides by itself.
         """
@@ -127,13 +128,19 @@ class Gaussians:
 
     @staticmethod
     def from_tensors(flat: dict[str, Tensor], sky: int) -> "Gaussians":
-        """The inverse of `tensors`; raises KeyError or ValueError for a set that is incomplete or does not fit together."""
+        """The inverse of `tensors`; raises KeyError or ValueError for a set
+        that is incomplete or does not fit together."""
         groups = {
-            group: {key.split(".", 1)[1]: tensor for key, tensor in flat.items() if key.startswith(group + ".")} for group in ("parameters", *MOMENTS)
+            group: {key.split(".", 1)[1]: tensor for key, tensor in flat.items() if key.startswith(group + ".")}
+            for group in ("parameters", *MOMENTS)
         }
         rows = {len(tensor) for tensor in flat.values()}
-        if len(rows) != 1 or any(tensor.dtype != torch.float32 for group in groups.values() for tensor in group.values()):
-            raise ValueError(f"{sorted(rows)} Gaussians in tensors of one set, or parameters or moments that are not float32")
+        if len(rows) != 1 or any(
+            tensor.dtype != torch.float32 for group in groups.values() for tensor in group.values()
+        ):
+            raise ValueError(
+                f"{sorted(rows)} Gaussians in tensors of one set, or parameters or moments that are not float32"
+            )
         shapes, *others = ({name: tensor.shape for name, tensor in group.items()} for group in groups.values())
         if any(other != shapes for other in others) or not 0 <= sky <= min(rows):
             raise ValueError(f"moments of other shapes than the parameters, or a sky of {sky} of {min(rows)} Gaussians")
@@ -164,7 +171,9 @@ def learning_rates(settings: Settings, progress: float) -> dict[str, Tensor]:
         "log_scales": torch.full((3,), settings.scale_rate),
         "logit_opacities": torch.full((1,), settings.opacity_rate),
         "sh": sh.flatten(),
-        "latents": torch.full((settings.latent_size,), schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)),
+        "latents": torch.full(
+            (settings.latent_size,), schedule.decayed(settings.embedding_rate, progress, schedule.NETWORK_RATE_DECAY)
+        ),
     }
     if progress < settings.geometry_from:
         rates = {name: rates[name] for name in ("sh", "latents")}

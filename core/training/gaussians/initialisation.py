@@ -32,7 +32,8 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
         points, colours = points[chosen], colours[chosen]
     distances = cKDTree(points).query(points, k=range(1, min(4, len(points)) + 1))[0][:, 1:]
     spacing = np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), LONE_SPACING)
-    scales = np.clip(spacing, LEAST_SCALE, settings.largest_scale / 2)  # a lonely point must not start as haze over everything
+    # A lonely point must not start as haze over everything.
+    scales = np.clip(spacing, LEAST_SCALE, settings.largest_scale / 2)
     parts = [_isotropic(points, scales, colours, INITIAL_OPACITY, settings.sh_degree)]
     sky = 0
     if settings.sky == "dome":
@@ -47,12 +48,12 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
 def sky_dome(collection: Collection, settings: Settings) -> Splats:
     """Opaque discs on a sphere around scene and cameras: a sky that is made of Gaussians is in every exported file.
 
-    Spread by the Fibonacci lattice. A disc is as wide as the lattice is spaced: so many overlap that on average less than
-    1e-3 of what is behind shines through.
+    Spread by the Fibonacci lattice. A disc is as wide as the lattice is spaced:
+    so many overlap that on average less than 1e-3 of what is behind shines through.
     """
     count = settings.sky_gaussians
-    # A dome too far off has holes, because rasterizers clamp the size of its discs (LOG_SCALE_RANGE). Hence the range of sky_radius; and cameras that
-    # stand a million units off by mistake do not count.
+    # A dome too far off has holes, because rasterizers clamp the size of its discs (LOG_SCALE_RANGE). Hence the range
+    # of sky_radius; and cameras that stand a million units off by mistake do not count.
     centres = np.stack([photo.camera.centre for photo in collection.photos])[~astray(collection.photos)]
     farthest = float(np.linalg.norm(centres, axis=1).max())
     radius = max(settings.sky_radius, SKY_MARGIN * farthest)

@@ -1,6 +1,7 @@
 """Veils: Gaussians that cover hardly anything of any photo, but much of the view from beside one.
 
-Photos say little of the space close to other cameras. What floats there costs no loss, but blocks the view of anyone who steps aside.
+Photos say little of the space close to other cameras.
+What floats there costs no loss, but blocks the view of anyone who steps aside.
 """
 
 from collections.abc import Sequence
@@ -20,15 +21,21 @@ VIEWS_PER_PHOTO, MOST_VIEWS = 4, 400  # new views: for each photo, and in all
 NEIGHBOURS, SAME_WAY = 3, 0.5  # how many cameras say how far one may step aside; the least cosine of their directions
 LARGEST_STEP = 0.5  # of the distance to the nearest that a camera shows
 NEAREST = 5  # percentile of the distances of points, for a few are wrong
-MOST_BY_STEPPING = 1 / (1 - LARGEST_STEP) ** 2  # a step nearer makes a Gaussian cover this many times as much of a view at most; a veil, more
+# A step nearer makes a Gaussian cover this many times as much of a view at most; a veil, more.
+MOST_BY_STEPPING = 1 / (1 - LARGEST_STEP) ** 2
 LEAST_SHARE = 0.01  # of a new view, that a veil covers
 SHRUNK = 1 / 4  # views are rendered at this share of their size
 
 
 def veils(
-    splats: Splats, photos: Sequence[Camera], points: Float[np.ndarray, "p 3"], rasterizer: Rasterizer, told: Told = unheard
+    splats: Splats,
+    photos: Sequence[Camera],
+    points: Float[np.ndarray, "p 3"],
+    rasterizer: Rasterizer,
+    told: Told = unheard,
 ) -> Bool[Tensor, " n"]:
-    """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame. told: of the views drawn."""
+    """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame.
+    told: of the views drawn."""
     photos = [camera.shrunk(SHRUNK) for camera in photos]
     new = cameras_beside(photos, points)
     views = len(photos) + len(new)
@@ -38,7 +45,8 @@ def veils(
 
 
 def cameras_beside(photos: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -> list[Camera]:
-    """New cameras, each up to a step away from one that took a photo and turned as it is; the same ones at each call."""
+    """New cameras, each up to a step away from one that took a photo and turned as it is;
+    the same ones at each call."""
     generator = np.random.default_rng(0)
     rounds = [generator.permutation(len(photos)) for _ in range(VIEWS_PER_PHOTO)]
     chosen = np.concatenate(rounds)[:MOST_VIEWS].tolist()
@@ -46,14 +54,16 @@ def cameras_beside(photos: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -
     beside = []
     for number in chosen:
         direction = generator.normal(size=3)
-        aside = steps[number] * generator.random() ** (1 / 3) * direction / np.linalg.norm(direction)  # evenly in a ball
+        # Evenly in a ball.
+        aside = steps[number] * generator.random() ** (1 / 3) * direction / np.linalg.norm(direction)
         if steps[number]:
             beside.append(replace(photos[number], centre=photos[number].centre + aside))
     return beside
 
 
 def _largest_step(photos: Sequence[Camera], number: int, points: Float[np.ndarray, "p 3"]) -> float:
-    """How far a new camera may be from this one: as far as others that look the same way; 0 if none does, or it shows no points."""
+    """How far a new camera may be from this one: as far as others that look the same way;
+    0 if none does, or it shows no points."""
     here, others = photos[number], [*photos[:number], *photos[number + 1 :]]
     alike = [camera.centre for camera in others if camera.world_to_camera[2] @ here.world_to_camera[2] > SAME_WAY]
     shown, depths = here.shows(points)

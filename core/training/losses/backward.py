@@ -5,7 +5,8 @@ from torch import Tensor
 
 
 def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
-    """torch's backward pass from several roots at once: tensors, each paired with its gradient; a loss, which is a scalar, with None.
+    """torch's backward pass from several roots at once: tensors, each paired with its gradient;
+    a loss, which is a scalar, with None.
 
     Left out are roots that are None, that require no gradient, and that are not scalars but come without a gradient.
     """

@@ -14,16 +14,24 @@ MATRICES = 64  # of either kind that are cached, as photos share sides; 0.4 MB e
 
 
 class TargetOnCanvas(Target):
-    """A photo in the upper left corner of a larger canvas, beyond which nothing is valid; see Target, whose sizes are the canvas's.
+    """A photo in the upper left corner of a larger canvas, beyond which nothing is valid;
+    see Target, whose sizes are the canvas's.
 
-    size: height and width of the canvas, px. cells: height and width of the masks it is compared under. averaging, enlarging: the matrices
-    (cells, pixels) from the canvas's pixels to cells and back, one for the columns and one for the rows. Whatever differs between photos is in
-    `tensors`, so that another photo's can be copied into them (core.training.step_cuda).
+    size: height and width of the canvas, px. cells: height and width of the masks it is compared under. averaging,
+    enlarging: the matrices (cells, pixels) from the canvas's pixels to cells and back, one for the columns and one for
+    the rows. Whatever differs between photos is in `tensors`, so that another photo's can be copied into them
+    (core.training.step_cuda).
     """
 
     valid_pixels: Tensor
 
-    def __init__(self, picture: Float[Tensor, "h w 3"], valid: Bool[Tensor, "h w"] | None, size: tuple[int, int], cells: tuple[int, int]):
+    def __init__(
+        self,
+        picture: Float[Tensor, "h w 3"],
+        valid: Bool[Tensor, "h w"] | None,
+        size: tuple[int, int],
+        cells: tuple[int, int],
+    ):
         height, width = picture.shape[:2]
         beyond = 0, size[1] - width, 0, size[0] - height
         shown = torch.ones(height, width, dtype=torch.bool, device=picture.device) if valid is None else valid

@@ -1,6 +1,8 @@
-"""The loss that holds the base SH at the neutral look, that of the mean embedding, by holding the residual of that embedding at zero.
+"""The loss that holds the base SH at the neutral look, that of the mean embedding,
+by holding the residual of that embedding at zero.
 
-Without it they could drift: what the base gains and all residuals lose changes no picture. Physics calls such a choice fixing a gauge.
+Without it they could drift: what the base gains and all residuals lose changes no picture.
+Physics calls such a choice fixing a gauge.
 """
 
 import torch
@@ -18,11 +20,15 @@ def draw_rows(gaussians: Gaussians, generator: torch.Generator) -> Int[Tensor, "
     return torch.randint(len(gaussians), (ROWS,), generator=generator)
 
 
-def gauge(transfer: nn.Module, gaussians: Gaussians, rows: Int[Tensor, " 1024"], neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
+def gauge(
+    transfer: nn.Module, gaussians: Gaussians, rows: Int[Tensor, " 1024"], neutral: Float[Tensor, " e"]
+) -> Float[Tensor, ""]:
     """The mean over the sampled Gaussians of the squared norm of their residual. neutral: the mean embedding.
 
     Its gradient reaches the networks alone, no other tensor of a step.
     """
     splats, latents = gaussians.splats, gaussians.latents
-    residual = transfer(TransferInput(splats.sh[rows], splats.means[rows], None if latents is None else latents[rows]), neutral)
+    residual = transfer(
+        TransferInput(splats.sh[rows], splats.means[rows], None if latents is None else latents[rows]), neutral
+    )
     return (residual**2).sum(dim=(1, 2)).mean()

@@ -18,7 +18,8 @@ from core.training.losses.mask_loss import mask_loss
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
 from core.training.moment import Moment
 
-TRANSIENT_EVERY = 10  # steps: L_regTS is computed in one of so many, because it takes a pass of its own, and weighted by as much
+# Steps: L_regTS is computed in one of so many, because it takes a pass of its own, and weighted by as much.
+TRANSIENT_EVERY = 10
 
 
 class Objective:
@@ -29,7 +30,12 @@ class Objective:
         self.zero = torch.zeros((), device=device)
 
     def picture(
-        self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment, mask_mean: Float[Tensor, ""]
+        self,
+        image: Float[Tensor, "H W 3"],
+        target: Target,
+        mask: Float[Tensor, "1 h w"] | None,
+        moment: Moment,
+        mask_mean: Float[Tensor, ""],
     ) -> Float[Tensor, ""]:
         """The picture loss, with the mask once it applies. mask_mean: see `mask_weights.pixel_weights`."""
         settings = self.settings
@@ -39,7 +45,9 @@ class Objective:
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
-    def mask(self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment) -> Float[Tensor, ""]:
+    def mask(
+        self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment
+    ) -> Float[Tensor, ""]:
         """The mask network's loss, L_regM included."""
         settings = self.settings
         if mask is None or moment.progress < settings.mask_start:
@@ -49,7 +57,9 @@ class Objective:
             return photometric_of_mask(image, target, target.to_pixels(mask), settings.ssim_weight) + penalty
         return mask_loss(mask, image, target, settings.mask_regularisation)
 
-    def residual(self, residual: Float[Tensor, "v c 3"] | None, shown: Int[Tensor, ""] | None) -> regularisers.ResidualLoss:
+    def residual(
+        self, residual: Float[Tensor, "v c 3"] | None, shown: Int[Tensor, ""] | None
+    ) -> regularisers.ResidualLoss:
         """L_regSH; see `regularisers.residual_loss`."""
         if residual is None:
             return regularisers.ResidualLoss(self.zero, None, self.zero)
@@ -57,9 +67,13 @@ class Objective:
 
     def draw_gauge_rows(self, gaussians: Gaussians, generator: Generator) -> Int[Tensor, " 1024"] | None:
         """See `gauge.draw_rows`; None where the gauge does not count."""
-        return draw_rows(gaussians, generator) if self.settings.gauge and self.model.predicts_residuals and len(gaussians) else None
+        if not (self.settings.gauge and self.model.predicts_residuals and len(gaussians)):
+            return None
+        return draw_rows(gaussians, generator)
 
-    def gauge(self, gaussians: Gaussians, rows: Int[Tensor, " 1024"] | None, neutral: Float[Tensor, " e"]) -> Float[Tensor, ""]:
+    def gauge(
+        self, gaussians: Gaussians, rows: Int[Tensor, " 1024"] | None, neutral: Float[Tensor, " e"]
+    ) -> Float[Tensor, ""]:
         """The gauge of these rows, after its backward pass, which can run at once as it reaches only the networks."""
         transfer = self.model.sh_transfer
         if rows is None or transfer is None:
@@ -78,7 +92,8 @@ class Objective:
     ) -> Float[Tensor, ""]:
         """L_regTS, if this step has it: the summed opacity of `regularisers.transient_rows`.
 
-        splats: the visible Gaussians in the look. view: the step's camera as an array, see core.rasterizer.view. known: see `rasterizer.Visible`.
+        splats: the visible Gaussians in the look. view: the step's camera as an array, see core.rasterizer.view.
+        known: see `rasterizer.Visible`.
         """
         if mask is None or not self.has_transient_loss(moment):
             return self.zero

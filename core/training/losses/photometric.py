@@ -5,9 +5,9 @@
 V is the number of valid pixels, whatever the weights: a mask that hides half of a photo halves its loss, so hidden
 pixels do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma
 1.5, constants 0.01^2 and 0.03^2 for a range of 1, and zeros beyond the picture. Invalid pixels are beyond the picture:
-zero on both sides. Paper: section IV-C (lambda_SSIM = 0.2 is `ssim_weight`, lambda_1 = 0.8 the rest). This module is the
-definition, in any dtype on any device; float32 goes through core.training.losses.photometric_cpu on a CPU and photometric_cuda on a GPU, which
-equal it.
+zero on both sides. Paper: section IV-C (lambda_SSIM = 0.2 is `ssim_weight`, lambda_1 = 0.8 the rest). This module is
+the definition, in any dtype on any device; float32 goes through core.training.losses.photometric_cpu on a CPU and
+photometric_cuda on a GPU, which equal it.
 """
 
 from copy import copy
@@ -41,13 +41,15 @@ def blur(planes: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
     """The planes convolved with the Gaussian window, zeros beyond the picture."""
     taps = window(planes.dtype, planes.device)
     if planes.dtype == torch.float32 and planes.device.type == "cpu" and not planes.requires_grad:
-        # The same but for a last bit, in a twentieth of the time: photos that do not fit into the cache are blurred at every step.
+        # The same but for a last bit, in a twentieth of the time: photos that do not fit into the cache are blurred at
+        # every step.
         along = taps.numpy()
         blurred = [cv2.sepFilter2D(plane, -1, along, along, borderType=cv2.BORDER_CONSTANT) for plane in planes.numpy()]
         return torch.from_numpy(np.stack(blurred))
     count = len(planes)
     taps = taps.expand(count, 1, WINDOW)
-    rows = F.conv2d(planes[None], taps[..., None], padding=(RADIUS, 0), groups=count)  # a batch of planes would take ten times as long
+    # A batch of planes would take ten times as long.
+    rows = F.conv2d(planes[None], taps[..., None], padding=(RADIUS, 0), groups=count)
     return F.conv2d(rows, taps[:, :, None], padding=(0, RADIUS), groups=count)[0]
 
 
@@ -55,7 +57,8 @@ class EmptyShare(NamedTuple):
     """How much of each pixel of a photo is empty, e in [0, 1], zero where it is invalid.
 
     padded: (1, H + 10, W), e between RADIUS rows of zeros on either side.
-    mean, mean_square, mean_product: the windowed means of e and e^2, (1, H, W), and of e times the photo's planes, (3, H, W).
+    mean, mean_square, mean_product: the windowed means of e and e^2, (1, H, W),
+    and of e times the photo's planes, (3, H, W).
     """
 
     padded: Tensor
@@ -68,12 +71,13 @@ class Target:
     """A photo as the loss sees it, with what is constant of it computed once.
 
     picture: (H, W, 3) in [0, 1]. valid: (H, W), False where the photo shows nothing (the rim of an undistorted photo).
-    empty: (H, W) in [0, 1], the share of white in the picture that stands for the background; the target is over black until
-    `over` is asked for. Raises BadInput for a photo without a valid pixel.
+    empty: (H, W) in [0, 1], the share of white in the picture that stands for the background; the target is over black
+    until `over` is asked for. Raises BadInput for a photo without a valid pixel.
 
     planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
-    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. empty_share: None where nothing is empty, or
-    once it is over a background. valid_pixels: V, a number or a tensor (). Everything has the dtype and the device of `picture`.
+    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. empty_share: None where nothing is
+    empty, or once it is over a background. valid_pixels: V, a number or a tensor (). Everything has the dtype and the
+    device of `picture`.
     """
 
     def __init__(
@@ -91,7 +95,9 @@ class Target:
             plane = planes_of(empty[..., None], self.valid)
             padded = F.pad(plane, (0, 0, RADIUS, RADIUS))
             self.empty_share = EmptyShare(padded, blur(plane), blur(plane**2), blur(plane * self.planes))
-        self.valid_pixels: int | Tensor = picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
+        self.valid_pixels: int | Tensor = (
+            picture.shape[0] * picture.shape[1] if self.valid is None else int(self.valid.sum())
+        )
         if self.valid_pixels == 0:
             raise BadInput("A photo has no valid pixel to compare a render with.", "Remove it from the collection.")
 
@@ -108,7 +114,13 @@ class Target:
     @property
     def tensors(self) -> tuple[Tensor, ...]:
         """All that has a value for each pixel."""
-        return self.padded, self.mean, self.mean_square, *(self.empty_share or ()), *(() if self.valid is None else (self.valid,))
+        return (
+            self.padded,
+            self.mean,
+            self.mean_square,
+            *(self.empty_share or ()),
+            *(() if self.valid is None else (self.valid,)),
+        )
 
     @property
     def nbytes(self) -> int:
@@ -153,7 +165,9 @@ class Target:
         return other
 
 
-def photometric(image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float) -> Float[Tensor, ""]:
+def photometric(
+    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
+) -> Float[Tensor, ""]:
     """The scalar to minimise.
 
     image: the render, not clamped; the only input that gets a gradient. weight: w, from 0 (ignored) to 1, or None for 1
@@ -170,7 +184,9 @@ def photometric(image: Float[Tensor, "h w 3"], target: Target, weight: Float[Ten
     return plain_photometric(image, target, weight, ssim_weight)
 
 
-def plain_photometric(image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float) -> Float[Tensor, ""]:
+def plain_photometric(
+    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
+) -> Float[Tensor, ""]:
     """`photometric` in plain torch: what the kernel has to equal."""
     planes = planes_of(image, target.valid)
     error = _error(planes, target.planes, target.mean, target.mean_square, ssim_weight)
@@ -180,7 +196,9 @@ def plain_photometric(image: Float[Tensor, "h w 3"], target: Target, weight: Flo
     return weighted.sum() / target.valid_pixels
 
 
-def photometric_paper(image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float) -> Float[Tensor, ""]:
+def photometric_paper(
+    image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
+) -> Float[Tensor, ""]:
     """`photometric` as the paper writes it: both pictures are multiplied by the mask before L1 and SSIM.
 
     The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero.
@@ -189,7 +207,9 @@ def photometric_paper(image: Float[Tensor, "h w 3"], target: Target, mask: Float
     return photometric(image * mask[..., None], target.masked(mask), None, ssim_weight)
 
 
-def photometric_of_mask(image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float) -> Float[Tensor, ""]:
+def photometric_of_mask(
+    image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
+) -> Float[Tensor, ""]:
     """`photometric_paper` as the mask sees it: the gradient goes into the mask, and none into the image."""
     return plain_photometric(image.detach() * mask[..., None], target.masked(mask), None, ssim_weight)
 

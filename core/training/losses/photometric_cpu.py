@@ -5,9 +5,9 @@ SSIM by those means; the backward pass blurs the derivatives, because the window
 
     dL/dx = w (1 - s) sign(x - y) / (3 V) + blur(D_mean) + 2 x blur(D_square) + y blur(D_product)
 
-Plain loops, shaped so that LLVM vectorises them along a row: planes instead of interleaved colours, few arrays per loop,
-zeros around the picture so that nothing branches. A row is computed on its own and sums are formed afterwards in one
-order, so results do not depend on the number of threads.
+Plain loops, shaped so that LLVM vectorises them along a row: planes instead of interleaved colours, few arrays per
+loop, zeros around the picture so that nothing branches. A row is computed on its own and sums are formed afterwards in
+one order, so results do not depend on the number of threads.
 """
 
 import numpy as np
@@ -29,7 +29,9 @@ _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _HALF, _THIRD = np.float32(0.5), np.float32(1 / 3)
 
 
-def photometric_cpu(image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float) -> Float[Tensor, ""]:
+def photometric_cpu(
+    image: Float[Tensor, "h w 3"], target: Target, weight: Float[Tensor, "h w"] | None, ssim_weight: float
+) -> Float[Tensor, ""]:
     """`core.training.losses.photometric.photometric` for float32 on the CPU."""
     return _Photometric.apply(image, target, weight, ssim_weight)
 
@@ -95,7 +97,8 @@ def _along(line, i):
 
 @kernel
 def _forward_rows(x, y, y_mean, y_mean_square, weights, ssim_weight, scale, begin, end, error, slopes):
-    """Write rows begin..end of the error (height, width), a mean over channels, and of its slopes (3 products, 3 channels, height + 10, width).
+    """Write rows begin..end of the error (height, width), a mean over channels, and of its slopes (3 products,
+    3 channels, height + 10, width).
 
     slopes: the derivatives of the loss by blur(x), blur(x^2) and blur(x y). scale: 1 / (3 V).
     """
@@ -106,7 +109,8 @@ def _forward_rows(x, y, y_mean, y_mean_square, weights, ssim_weight, scale, begi
         for channel in range(3):
             _blur_products(x[channel], y[channel], row, lines)
             _compare(
-                lines, x[channel, row + RADIUS], y[channel, row + RADIUS], y_mean[channel, row], y_mean_square[channel, row],
+                lines, x[channel, row + RADIUS], y[channel, row + RADIUS],
+                y_mean[channel, row], y_mean_square[channel, row],
                 weights[row], ssim_weight, scale, error[row],
                 slopes[0, channel, row + RADIUS], slopes[1, channel, row + RADIUS], slopes[2, channel, row + RADIUS],
             )  # fmt: skip
@@ -116,7 +120,11 @@ def _forward_rows(x, y, y_mean, y_mean_square, weights, ssim_weight, scale, begi
 def _blur_products(x, y, row, lines):
     """The window down every column of x, x^2 and x y, from `row` on, into the middle of three padded lines."""
     width = x.shape[1]
-    means, squares, products = lines[0, RADIUS : RADIUS + width], lines[1, RADIUS : RADIUS + width], lines[2, RADIUS : RADIUS + width]
+    means, squares, products = (
+        lines[0, RADIUS : RADIUS + width],
+        lines[1, RADIUS : RADIUS + width],
+        lines[2, RADIUS : RADIUS + width],
+    )
     means[:] = _ZERO
     squares[:] = _ZERO
     products[:] = _ZERO
@@ -164,7 +172,8 @@ def _compare(lines, x, y, y_means, y_squares, weights, ssim_weight, scale, error
 
 @kernel
 def _backward_rows(x, y, weights, slopes, ssim_weight, scale, factor, begin, end, gradient):
-    """Write rows begin..end of dL/dx (height, width, 3). slopes, scale: as in `_forward_rows`. factor: the gradient that arrives at the loss."""
+    """Write rows begin..end of dL/dx (height, width, 3). slopes, scale: as in `_forward_rows`.
+    factor: the gradient that arrives at the loss."""
     width = weights.shape[1]
     lines = np.zeros((3, width + 2 * RADIUS), np.float32)
     line = np.empty(width, np.float32)
@@ -172,7 +181,15 @@ def _backward_rows(x, y, weights, slopes, ssim_weight, scale, factor, begin, end
         for channel in range(3):
             for k in range(3):
                 _blur_down(slopes[k, channel], row, lines[k, RADIUS:])
-            _combine(lines, x[channel, row + RADIUS], y[channel, row + RADIUS], weights[row], (_ONE - ssim_weight) * scale, factor, line)
+            _combine(
+                lines,
+                x[channel, row + RADIUS],
+                y[channel, row + RADIUS],
+                weights[row],
+                (_ONE - ssim_weight) * scale,
+                factor,
+                line,
+            )
             for i in range(width):
                 gradient[row, i, channel] = line[i]
 

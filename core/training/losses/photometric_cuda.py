@@ -1,7 +1,8 @@
-"""The picture loss of core.training.losses.photometric, fused, for float32 on a GPU: two launches forward and two backward.
+"""The picture loss of core.training.losses.photometric, fused, for float32 on a GPU:
+two launches forward and two backward.
 
-The same two passes as in photometric_cpu, with its formula of the gradient. Every blur is one kernel down the columns and one along the rows,
-which goes on with the result. One pixel per lane.
+The same two passes as in photometric_cpu, with its formula of the gradient. Every blur is one kernel down the columns
+and one along the rows, which goes on with the result. One pixel per lane.
 """
 
 import torch
@@ -67,8 +68,11 @@ def blur_along(plane, taps, pixel, column, width, known):
 
 
 @triton.jit(do_not_specialize=SIZES)
-def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, ssim_weight, height, width, BLOCK: tl.constexpr):
-    """The error (height, width), a mean over channels, and the derivatives (3 products, 3, height, width) of its weighted sum by the means."""
+def compare(
+    blurred, x, y, y_means, y_squares, weights, taps, error, slopes, ssim_weight, height, width, BLOCK: tl.constexpr
+):
+    """The error (height, width), a mean over channels, and the derivatives (3 products, 3, height,
+    width) of its weighted sum by the means."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known, column = pixel < size, pixel % width
@@ -100,7 +104,8 @@ def compare(blurred, x, y, y_means, y_squares, weights, taps, error, slopes, ssi
 
 @triton.jit(do_not_specialize=SIZES)
 def combine(blurred, x, y, weights, taps, factor, gradient, ssim_weight, height, width, BLOCK: tl.constexpr):
-    """dL/dx (height, width, 3) from the derivatives blurred down; factor: a number in memory, dL/d(weighted sum of errors)."""
+    """dL/dx (height, width, 3) from the derivatives blurred down; factor:
+    a number in memory, dL/d(weighted sum of errors)."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known, column = pixel < size, pixel % width

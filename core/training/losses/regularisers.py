@@ -1,4 +1,5 @@
-"""L_regM, L_regSH and L_regTS, which hold masks open, residuals small and passers-by transparent (paper, sections IV-A and IV-C).
+"""L_regM, L_regSH and L_regTS, which hold masks open, residuals small and passers-by transparent
+(paper, sections IV-A and IV-C).
 
 Unlike the paper's, the first two are means; L_regTS spares Gaussians that are not at the front.
 """
@@ -13,7 +14,8 @@ from core.rasterizer.view import CENTRE, CENTRE_REST, FOCAL_X, LEFT, WIDTH
 
 SMOOTH = 1e-8  # under the root, so that a zero residual has a gradient
 HIDDEN = 0.5  # a mask below this hides a place: the paper's epsilon, for which it gives no value
-AT_FRONT = 0.1  # contribution to some pixel; a Gaussian that reaches less may be the place behind a passer-by, which must stay
+# Contribution to some pixel; a Gaussian that reaches less may be the place behind a passer-by, which must stay.
+AT_FRONT = 0.1
 
 
 def mask_regulariser(mask: Float[Tensor, "1 h w"]) -> Float[Tensor, ""]:
@@ -29,7 +31,8 @@ def residual_norm(residual: Float[Tensor, "v c 3"]) -> Float[Tensor, ""]:
 
 
 class ResidualLoss(NamedTuple):
-    """loss: weight * L_regSH. gradient: dL/d(residual), None without a residual. size: mean absolute residual, 0 without Gaussians.
+    """loss: weight * L_regSH. gradient: dL/d(residual), None without a residual.
+    size: mean absolute residual, 0 without Gaussians.
 
     The gradient depends on nothing else in a step, so it is computed with the loss, before the picture's.
     """
@@ -39,8 +42,11 @@ class ResidualLoss(NamedTuple):
     size: Float[Tensor, ""]
 
 
-def residual_loss(residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None) -> ResidualLoss:
-    """L_regSH at this weight. shown: on a GPU, how many of the first rows are Gaussians, the rest being padding; None for all."""
+def residual_loss(
+    residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None
+) -> ResidualLoss:
+    """L_regSH at this weight. shown: on a GPU, how many of the first rows are Gaussians,
+    the rest being padding; None for all."""
     if residual.dtype == torch.float32 and residual.device.type == "cuda":
         from core.training.losses import residual_cuda  # Triton, which is there with a GPU only
 
@@ -58,10 +64,14 @@ def plain_residual_loss(residual: Float[Tensor, "v c 3"], weight: float) -> Resi
 
 
 def transient_rows(
-    means: Float[Tensor, "v 3"], contributions: Float[Tensor, " v"], mask: Float[Tensor, "1 h w"], view: Float[Tensor, "25"]
+    means: Float[Tensor, "v 3"],
+    contributions: Float[Tensor, " v"],
+    mask: Float[Tensor, "1 h w"],
+    view: Float[Tensor, "25"],
 ) -> Bool[Tensor, " v"]:
-    """Which Gaussians L_regTS makes transparent: those whose centre projects to a mask below HIDDEN, and that contribute more than AT_FRONT to some
-    pixel. contributions: see `Rasterizer.contributions`. view: the camera, see core.rasterizer.view.
+    """Which Gaussians L_regTS makes transparent: those whose centre projects to a mask below HIDDEN, and that
+    contribute more than AT_FRONT to some pixel. contributions: see `Rasterizer.contributions`. view: the camera, see
+    core.rasterizer.view.
     """
     axes, centre = view[:CENTRE].view(3, 3), view[CENTRE:CENTRE_REST]
     fx, fy, cx, cy = view[FOCAL_X:LEFT]

@@ -1,4 +1,5 @@
-"""L_regSH on a GPU: core.training.losses.regularisers.residual_loss in one launch and a sum, where plain torch takes sixteen."""
+"""L_regSH on a GPU: core.training.losses.regularisers.residual_loss in one launch and a sum,
+where plain torch takes sixteen."""
 
 import torch
 import triton
@@ -15,7 +16,8 @@ SMOOTH = tl.constexpr(regularisers.SMOOTH)
 
 @triton.jit(do_not_specialize=["count"])
 def weigh_residual(residual, gradient, sums, shown, count, weight, COEFFICIENTS: tl.constexpr, BLOCK: tl.constexpr):
-    """The gradient of weight * the mean |residual| over the first `shown` () of `count` rows; this loss and the mean absolute number.
+    """The gradient of weight * the mean |residual| over the first `shown` () of `count` rows;
+    this loss and the mean absolute number.
 
     sums: (2, programs), of which each program writes its part of either.
     """
@@ -27,12 +29,20 @@ def weigh_residual(residual, gradient, sums, shown, count, weight, COEFFICIENTS:
     at = row[:, None] * COLUMNS + column[None, :]
     number = tl.load(residual + at, mask=(row < rows)[:, None] & (column < COLUMNS)[None, :], other=0.0)
     norm = tl.sqrt_rn(tl.sum(number * number, axis=1) + SMOOTH)
-    tl.store(gradient + at, number * (weight * share / norm)[:, None], mask=(row < count)[:, None] & (column < COLUMNS)[None, :])
+    tl.store(
+        gradient + at,
+        number * (weight * share / norm)[:, None],
+        mask=(row < count)[:, None] & (column < COLUMNS)[None, :],
+    )
     tl.store(sums + tl.program_id(0), tl.sum(tl.where(row < rows, norm, 0.0), axis=0) * (weight * share))
-    tl.store(sums + tl.num_programs(0) + tl.program_id(0), tl.sum(tl.sum(tl.abs(number), axis=1), axis=0) * (share / COLUMNS))
+    tl.store(
+        sums + tl.num_programs(0) + tl.program_id(0), tl.sum(tl.sum(tl.abs(number), axis=1), axis=0) * (share / COLUMNS)
+    )
 
 
-def residual_loss(residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None) -> regularisers.ResidualLoss:
+def residual_loss(
+    residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None
+) -> regularisers.ResidualLoss:
     """`regularisers.residual_loss` for float32 on a GPU."""
     residual = residual.detach().contiguous()
     count, coefficients = residual.shape[:2]
@@ -40,6 +50,8 @@ def residual_loss(residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Te
         shown = torch.full((), count, device=residual.device)
     grid, gradient = blocks(count, BLOCK), residual.new_empty(residual.shape)
     sums = residual.new_empty(2, *grid)
-    weigh_residual[grid](residual, gradient, sums, shown, count, weight, COEFFICIENTS=coefficients, BLOCK=BLOCK, **FUSED)
+    weigh_residual[grid](
+        residual, gradient, sums, shown, count, weight, COEFFICIENTS=coefficients, BLOCK=BLOCK, **FUSED
+    )
     loss, size = sums.sum(dim=1).unbind()
     return regularisers.ResidualLoss(loss, gradient, size)

@@ -1,4 +1,5 @@
-"""Checkpoints: one safetensors file with every tensor of a run, and its plain facts as JSON in the header. No pickle."""
+"""Checkpoints: one safetensors file with every tensor of a run,
+and its plain facts as JSON in the header. No pickle."""
 
 import json
 import os
@@ -18,8 +19,10 @@ from core.errors import BadInput, command
 from core.system import atomic, outputs
 
 NAME = re.compile(r"checkpoint_\d{6,}\.safetensors")
-BEING_WRITTEN = "checkpoint"  # names the temporary folder, the same for all steps; safetensors' own temporary file lies in it, too
-TEMPORARY = f".{BEING_WRITTEN}{outputs.TEMPORARY}*"  # matches that folder, which a killed run leaves behind until it goes on
+# Names the temporary folder, the same for all steps; safetensors' own temporary file lies in it, too.
+BEING_WRITTEN = "checkpoint"
+# Matches that folder, which a killed run leaves behind until it goes on.
+TEMPORARY = f".{BEING_WRITTEN}{outputs.TEMPORARY}*"
 VERSION = 2
 Read = TypeVar("Read")
 
@@ -66,7 +69,8 @@ def save(folder: Path, checkpoint: Checkpoint) -> Path:
             os.replace(temporary, path)
     except (OSError, SafetensorError) as error:
         fix = f"Free some space, or let the folder be written in, then type: {how_to_go_on(folder)}"
-        reason = getattr(error, "strerror", None) or str(error).rpartition("I/O error: ")[2]  # safetensors puts the system's words last
+        # Safetensors puts the system's words last.
+        reason = getattr(error, "strerror", None) or str(error).rpartition("I/O error: ")[2]
         raise BadInput(f"{path} could not be written: {reason}.", fix) from None
     for old in written(folder):
         if old != path:
@@ -86,7 +90,8 @@ def newest(folder: Path) -> Path | None:
 
 
 def read_newest(folder: Path, read: Callable[[Path], Read]) -> tuple[Path, Read] | None:
-    """The newest checkpoint of a run folder and what `read` reads of it, or None if there is none; raises as `read` does.
+    """The newest checkpoint of a run folder and what `read` reads of it,
+    or None if there is none; raises as `read` does.
 
     A training at work in the folder may replace the checkpoint while it is read; then the new one is read.
     """
@@ -119,7 +124,8 @@ def _read(path: Path, with_tensors: bool) -> Checkpoint:
             tensors = {name: file.get_tensor(name) for name in names}
     except (PermissionError, torch.OutOfMemoryError):  # the second a RuntimeError, and no fault of the checkpoint's
         raise
-    except (OSError, SafetensorError, KeyError, ValueError, RuntimeError) as error:  # of torch if the file goes meanwhile
+    # Of torch if the file goes meanwhile.
+    except (OSError, SafetensorError, KeyError, ValueError, RuntimeError) as error:
         raise BadInput(f"{path} is not a readable checkpoint: {error}.", "Train again, or name another run.") from None
     if facts.get("version") != VERSION:
         raise BadInput(f"{path} has version {facts.get('version')}, this is version {VERSION}.", "Train again.")

@@ -28,8 +28,11 @@ def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterat
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Inside, no other process can hold the folder; BadInput if one does. Without locks (core.system.lock) nothing is held."""
+    """Inside, no other process can hold the folder; BadInput if one does.
+    Without locks (core.system.lock) nothing is held."""
     with taken(folder) as ours:
         if ours is False:
-            raise BadInput(f"Another `wegs train` is at work in {folder}.", "Wait until it has ended, or choose another -o.")
+            raise BadInput(
+                f"Another `wegs train` is at work in {folder}.", "Wait until it has ended, or choose another -o."
+            )
         yield

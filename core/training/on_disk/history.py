@@ -13,7 +13,8 @@ HELD_OUT = "held_out_psnr"  # the column (dB) that only rows with a check of qua
 
 
 def add_row(folder: Path, columns: Sequence[str], row: Mapping[str, Any]) -> None:
-    """Append a row; a new file begins with the names of the columns. Raises DiskFull, or OSError with the name of the file."""
+    """Append a row; a new file begins with the names of the columns.
+    Raises DiskFull, or OSError with the name of the file."""
     path = folder / FILE
     try:
         with path.open("a", newline="", encoding="utf-8") as file:
@@ -31,8 +32,8 @@ def add_row(folder: Path, columns: Sequence[str], row: Mapping[str, Any]) -> Non
 def checks(folder: Path) -> list[dict[str, float]]:
     """The rows with a check of held-out quality, in order, what was not recorded left out; none without a file.
 
-    Garbled rows and one cut short, as a killed program or a full disk leaves them, are left out, too. Raises BadInput for a folder in place of the
-    file, OSError for a file that cannot be read.
+    Garbled rows and one cut short, as a killed program or a full disk leaves them, are left out, too. Raises BadInput
+    for a folder in place of the file, OSError for a file that cannot be read.
     """
     names, *rows = [line.rstrip().split(",") for line in _whole_lines(folder)] or [[]]
     return [numbers for row in rows if HELD_OUT in (numbers := _numbers(names, row))]
@@ -65,6 +66,7 @@ def rewind(folder: Path, step: int) -> None:
 
     def is_done(line: str) -> bool:
         number = line.partition(",")[0]  # none in a garbled line, which goes too
-        return number.isdecimal() and float(number) <= step  # int() would refuse the thousands of digits of a garbled one
+        # int() would refuse the thousands of digits of a garbled one.
+        return number.isdecimal() and float(number) <= step
 
     write_text(folder / FILE, "".join([lines[0], *filter(is_done, lines[1:])]))

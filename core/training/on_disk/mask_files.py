@@ -16,8 +16,8 @@ FOLDER = "masks"
 
 
 def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos, report: Report = QUIET) -> int:
-    """`masks/NAME.png` in the run folder for every photo that has a mask, at its training size: white is used, black is hidden, by the network or
-    by the mask that the user gave. Returns how many."""
+    """`masks/NAME.png` in the run folder for every photo that has a mask, at its training size: white is used, black is
+    hidden, by the network or by the mask that the user gave. Returns how many."""
     paths = png_paths(sized.photo.name for sized in photos)
     learns_masks = model.settings.has_masks
     masked = [(index, sized) for index, sized in enumerate(photos) if learns_masks or sized.photo.mask]

@@ -39,8 +39,11 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
         "decisions": [asdict(decision) for decision in decisions],
         "photos": [_photo_to_json(photo, collection.root) for photo in collection.photos],
     }
-    # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the sizes stand for the content.
-    files = [path for photo in collection.photos for path in _files_of(photo).values() if path is not None and path.is_file()]
+    # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the
+    # sizes stand for the content.
+    files = [
+        path for photo in collection.photos for path in _files_of(photo).values() if path is not None and path.is_file()
+    ]
     sizes = [path.stat().st_size for path in files]
     made_of = [core.__version__, facts, sizes]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
@@ -89,14 +92,15 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
 
 
 def check_same_run(folder: Path, identity: str) -> None:
-    """Raise BadInput if another run than that of the identity lies in `folder` by now: what was made of the first does not belong there."""
+    """Raise BadInput if another run than that of the identity lies in `folder` by now:
+    what was made of the first does not belong there."""
     if read_mark(folder / CONFIG).get("run", identity) != identity:
         raise BadInput(f"{folder} holds another run than before.", "Run the same command again.")
 
 
 def changed_files(collection: Collection) -> list[str]:
-    """The names of photos in whose place, or in that of whose masks, lies another file than their run began with, as far as sizes tell.
-    Missing ones do not count. collection: as `read_config` gives it."""
+    """The names of photos in whose place, or in that of whose masks, lies another file than their run began with, as
+    far as sizes tell. Missing ones do not count. collection: as `read_config` gives it."""
 
     def is_another(file: Photo | GivenMask | None) -> bool:
         if file is None or not file.bytes or not is_file(file.path):
@@ -110,7 +114,9 @@ def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:
     """The error for a run in `folder` whose scene is no longer there. what: cannot be done without it."""
     points = collection.points_from
     where = f"{folder / CONFIG}, as its path" if points is None else f"{points / MARK}, as its scene"
-    return BadInput(f"{what}: the scene {collection.root} is gone.", f"Move it back, or write where it is now into {where}.")
+    return BadInput(
+        f"{what}: the scene {collection.root} is gone.", f"Move it back, or write where it is now into {where}."
+    )
 
 
 def _photo_to_json(photo: Photo, home: Path) -> dict:
@@ -143,20 +149,25 @@ def _photo_from_json(values: dict, home: Path) -> Photo:
         together, apart = home / values[key], values.get(f"whole_{key}")  # a whole path stays as it is
         return Path(apart) if apart and not together.is_file() and Path(apart).is_file() else together
 
+    mask = None
+    if values["mask"] is not None:
+        mask = GivenMask(file("mask"), _lens_from_json(values, "mask_lens"), values.get("mask_bytes"))
     return Photo(
         name=values["name"],
         path=file("path"),
         camera=_camera_from_json(values),
         split=values["split"],
         lens=_lens_from_json(values, "lens"),
-        mask=None if values["mask"] is None else GivenMask(file("mask"), _lens_from_json(values, "mask_lens"), values.get("mask_bytes")),
+        mask=mask,
         bytes=values.get("bytes"),
     )
 
 
 def _camera_from_json(photo: dict) -> Camera:
     shapes = {"world_to_camera": (3, 3), "centre": (3,)}
-    values = photo["camera"] | {name: np.asarray(photo["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()}
+    values = photo["camera"] | {
+        name: np.asarray(photo["camera"][name], dtype=np.float64).reshape(shape) for name, shape in shapes.items()
+    }
     width, height, lens = values["width"], values["height"], [values[name] for name in ("fx", "fy", "cx", "cy")]
     are_numbers = type(width) is type(height) is int and all(type(value) in (int, float) for value in lens)
     if not (are_numbers and can_be_drawn(width, height, lens)):

@@ -1,7 +1,8 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of either protocol are ours.
+history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results.json,
+per_view.json and sheet.png of either protocol are ours.
 """
 
 import os
@@ -24,27 +25,32 @@ from core.training.transparency import transparent_is_empty
 PREVIEW = "preview.png"
 RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
-# All that a run may have written but its checkpoints, and so all else that --force may delete. What makes it a run goes last: where deleting is
-# stopped on the way, --force is taken again.
+# All that a run may have written but its checkpoints, and so all else that --force may delete. What makes it a run goes
+# last: where deleting is stopped on the way, --force is taken again.
 OURS = (
     "cfg_args", "cameras.json", "input.ply", "point_cloud", checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
-    history.FILE, landmarks.FILE, mask_files.FOLDER, PREVIEW, *(name for names in EVALUATED.values() for name in names), CONFIG,
+    history.FILE, landmarks.FILE, mask_files.FOLDER, PREVIEW, *(name for names in EVALUATED.values() for name in names),
+    CONFIG,
 )  # fmt: skip
 
 
 def is_run(folder: Path) -> bool:
-    """Whether `folder` holds a run: its config.json names wegs, as no other program's does, or is damaged but beside a checkpoint."""
+    """Whether `folder` holds a run: its config.json names wegs, as no other program's does,
+    or is damaged but beside a checkpoint."""
     facts = read_mark(folder / CONFIG)
     return "wegs" in facts or (not facts and (folder / CONFIG).is_file() and checkpoint.newest(folder) is not None)
 
 
 def newest_run() -> Path:
-    """The current folder, by its full name, if it is a run, else the run begun last under runs/; BadInput if there is none."""
+    """The current folder, by its full name, if it is a run, else the run begun last under runs/;
+    BadInput if there is none."""
     if is_run(here := Path.cwd()):
         return here
     newest = newest_in(RUNS)
     if newest is None:
-        raise BadInput(f"There is no run in {RUNS} of the current folder.", "Give the folder of one, or type: wegs train SCENE")
+        raise BadInput(
+            f"There is no run in {RUNS} of the current folder.", "Give the folder of one, or type: wegs train SCENE"
+        )
     return newest
 
 
@@ -66,7 +72,8 @@ def find_run(path: Path | None) -> Path:
     if not is_run(path):
         if (config := path / CONFIG).is_file() and (fault := fault_of_mark(config)):  # it may have been one's
             raise BadInput(f"{config} {fault}, and {path} has no checkpoint.", "If it was a run, train it again.")
-        fix = "Give a folder that `wegs train` made." if (inner := newest_in(path)) is None else f"Give a run in it, such as {inner}."
+        inner = newest_in(path)
+        fix = f"Give a run in it, such as {inner}." if inner else "Give a folder that `wegs train` made."
         raise BadInput(f"{path} is not a run: it holds no {CONFIG} of wegs.", fix)
     return path
 
@@ -99,7 +106,9 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     if output is None:
         scene_name, number = scene_name.encode(errors="surrogateescape").decode(errors="replace"), 1
         # A link to nothing takes its name as well; a folder that a killed training left empty does not.
-        while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")) and not swept(path, Path.rmdir):
+        while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")) and not swept(
+            path, Path.rmdir
+        ):
             number += 1
         check_folder(path, "Choose another -o.")
         return path
@@ -110,12 +119,15 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
         if not is_run(output):
             raise BadInput(f"{output} holds files that are no run.", "Choose another -o, or empty it yourself.")
         if not force:
-            raise BadInput(f"{output} holds a run.", "Add --force to replace it, --resume to go on with it, or choose another -o.")
+            raise BadInput(
+                f"{output} holds a run.", "Add --force to replace it, --resume to go on with it, or choose another -o."
+            )
     return output
 
 
 def check_writable(folder: Path, option: str = "--run") -> None:
-    """Raise BadInput unless `folder`, a run or one in it, can be written in: what belongs there can be put nowhere else by an option.
+    """Raise BadInput unless `folder`, a run or one in it, can be written in:
+    what belongs there can be put nowhere else by an option.
 
     option: by which the command takes a run.
     """
@@ -125,7 +137,8 @@ def check_writable(folder: Path, option: str = "--run") -> None:
 def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
     """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
 
-    Where that fails, nothing is left in it. config.json comes first: whatever a kill leaves is a run, which can go on or be replaced.
+    Where that fails, nothing is left in it. config.json comes first:
+    whatever a kill leaves is a run, which can go on or be replaced.
     """
     _clear(folder)
     folder.mkdir(parents=True, exist_ok=True)

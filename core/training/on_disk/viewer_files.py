@@ -1,4 +1,5 @@
-"""The files of a run folder that viewers of the original 3DGS project read, beside point_cloud/: input.ply, cameras.json, cfg_args."""
+"""The files of a run folder that viewers of the original 3DGS project read, beside point_cloud/:
+input.ply, cameras.json, cfg_args."""
 
 from pathlib import Path
 

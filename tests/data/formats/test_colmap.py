@@ -37,7 +37,9 @@ def test_every_layout_is_read(tmp_path, images, sparse, scale):
     assert (collection.name, collection.kind) == ("church", "colmap")
     assert collection.photos[0].camera.width == round(WIDTH * scale)
     assert collection.photos[0].camera.height == round(HEIGHT * scale)
-    assert bool(notes_with(collection, f"are used: there is no {(tmp_path / 'church' / images).parent / 'images'}")) == (scale < 1)
+    assert bool(
+        notes_with(collection, f"are used: there is no {(tmp_path / 'church' / images).parent / 'images'}")
+    ) == (scale < 1)
 
 
 @pytest.mark.parametrize("base", [".", "dense"])
@@ -93,7 +95,9 @@ def test_quaternions_of_another_length_turn_as_much_and_one_of_none_is_broken(tm
     check_geometry(load_collection(root), scene)
     lines[poses[0]] = scaled(0, lines[poses[0]])
     path.write_text("\n".join(lines) + "\n")
-    assert len(load_collection(root).photos) == 3 and notes_with(load_collection(root), "1 photo with a camera or pose that is broken")
+    assert len(load_collection(root).photos) == 3 and notes_with(
+        load_collection(root), "1 photo with a camera or pose that is broken"
+    )
 
 
 def test_rigs_of_several_cameras(tmp_path):
@@ -138,7 +142,9 @@ def test_photos_named_by_ways_through_other_folders_are_not_called_without_a_pos
 
 def test_photos_listed_twice_are_reported(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
-    SmallScene(names=["photo_0.png", "photo_1.png", "photo_1.png", "photo_3.png"]).reconstruction().write_binary(str(root / "sparse" / "0"))
+    SmallScene(names=["photo_0.png", "photo_1.png", "photo_1.png", "photo_3.png"]).reconstruction().write_binary(
+        str(root / "sparse" / "0")
+    )
     assert notes_with(load_collection(root), "1 photo of the model named more than once, used once: photo_1.png")
 
 
@@ -188,7 +194,9 @@ def test_cameras_far_from_all_others_are_reported_and_used(tmp_path):
         model.images[2].frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + [0, 0, 900.0])
 
     collection = load_collection(rewritten(tmp_path, move))
-    assert notes_with(collection, "1 photo whose camera stands over 100 times as far off as is usual, used all the same: photo_1.png")
+    assert notes_with(
+        collection, "1 photo whose camera stands over 100 times as far off as is usual, used all the same: photo_1.png"
+    )
     assert len(collection.photos) == 4
 
 
@@ -276,7 +284,9 @@ def test_a_model_without_points_keeps_its_poses(tmp_path, suffix, has_file):
         pixels, _ = photo.camera.in_world(collection.frame).project(whole.points)
         assert np.abs(pixels - whole.seen(index)).max() < 1e-6
     assert notes_with(collection, "No points are given with the cameras")
-    assert bool(notes_with(collection, "lacks the points that its photos see: copy it again if you have them")) != has_file
+    assert (
+        bool(notes_with(collection, "lacks the points that its photos see: copy it again if you have them")) != has_file
+    )
 
 
 def test_a_photo_that_sees_no_point_stays(tmp_path):
@@ -298,7 +308,9 @@ def test_extreme_focal_lengths_are_used_and_noted(tmp_path, params):
     assert not note.harmless
 
 
-@pytest.mark.parametrize("params", [[np.nan, 150, 80, 60], [150, -150, 80, 60], [150, 150, np.inf, 60], [0, 0, 80, 60], [1e50, 1e50, 80, 60]])
+@pytest.mark.parametrize(
+    "params", [[np.nan, 150, 80, 60], [150, -150, 80, 60], [150, 150, np.inf, 60], [0, 0, 80, 60], [1e50, 1e50, 80, 60]]
+)
 def test_broken_cameras_are_left_out(tmp_path, params):
     root = rewritten(tmp_path, lambda model: setattr(model.cameras[1], "params", params))
     with pytest.raises(BadInput, match="No photo of .* can be used: 4 photos with a camera or pose that is broken"):
@@ -318,7 +330,9 @@ def test_a_model_without_any_of_its_photos_is_refused(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     for path in (root / "images").iterdir():
         path.unlink()
-    with pytest.raises(BadInput, match="No photo of .*4 photos of the model missing .*photo_0.png.* Put the photos into"):
+    with pytest.raises(
+        BadInput, match="No photo of .*4 photos of the model missing .*photo_0.png.* Put the photos into"
+    ):
         load_collection(root)
 
 

@@ -1,4 +1,5 @@
-"""COLMAP models in which points or photos do not say which photo sees which point, as some programs and users leave them."""
+"""COLMAP models in which points or photos do not say which photo sees which point,
+as some programs and users leave them."""
 
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from tests.heard import Heard
 
 
 def cut(path, keep):
-    """Take all features out of an images.bin, or all tracks out of a points3D.bin; `keep` is where their number stands in the record."""
+    """Take all features out of an images.bin, or all tracks out of a points3D.bin;
+    `keep` is where their number stands in the record."""
     data, start = path.read_bytes(), 8
     records = [data[:8]]
     while start < len(data):
@@ -63,7 +65,9 @@ def test_points_without_any_tracks_are_used_and_that_is_reported(tmp_path, track
         cut_tracks(root / "sparse" / "0" / "points3D.bin")
     collection = load_collection(root)
     assert (len(collection.photos), len(collection.points)) == (4, 20)
-    assert notes_with(collection, "Nothing says which photo sees which point") and not notes_with(collection, "without any SfM point")
+    assert notes_with(collection, "Nothing says which photo sees which point") and not notes_with(
+        collection, "without any SfM point"
+    )
     assert not any(finding.name == "photos with few points" for finding in examine(root, Heard()))
 
 
@@ -79,7 +83,9 @@ def test_photos_that_were_taken_out_of_a_text_model_by_hand(tmp_path):
     first = next(number for number, line in enumerate(lines) if line.endswith("photo_0.png"))
     (model / "images.txt").write_text("\n".join(lines[:first] + lines[first + 2 :]) + "\n")
     collection = load_collection(root)
-    assert {photo.name: len(photo.points) for photo in collection.photos} == {f"photo_{index}.png": 20 for index in (1, 2, 3)}
+    assert {photo.name: len(photo.points) for photo in collection.photos} == {
+        f"photo_{index}.png": 20 for index in (1, 2, 3)
+    }
     assert notes_with(collection, "1 photo in") and notes_with(collection, "its photos do")
 
 
@@ -90,7 +96,9 @@ def test_photos_that_were_taken_out_of_a_binary_model_by_hand(tmp_path):
     end = data.index(b"photo_1.png") - 64
     images.write_bytes((3).to_bytes(8, "little") + data[end:])
     collection = load_collection(root)
-    assert {photo.name: len(photo.points) for photo in collection.photos} == {f"photo_{index}.png": 20 for index in (1, 2, 3)}
+    assert {photo.name: len(photo.points) for photo in collection.photos} == {
+        f"photo_{index}.png": 20 for index in (1, 2, 3)
+    }
     assert notes_with(collection, "1 photo in") and notes_with(collection, "its photos do")
 
 
@@ -171,7 +179,9 @@ def test_a_camera_in_text_that_is_not_finite_costs_its_own_photos_alone(tmp_path
     assert [len(photo.points) for photo in collection.photos] == [20] * 3
 
 
-@pytest.mark.parametrize(("part", "words", "other"), [("images", " 1 photo_1.png", " nan photo_1.png"), ("cameras", " 160 ", " inf ")])
+@pytest.mark.parametrize(
+    ("part", "words", "other"), [("images", " 1 photo_1.png", " nan photo_1.png"), ("cameras", " 160 ", " inf ")]
+)
 def test_nan_or_infinity_in_place_of_a_whole_number_is_refused(tmp_path, part, words, other):
     path = in_text(SmallScene().write(tmp_path / "scene"))[0] / f"{part}.txt"
     text = path.read_text()
@@ -189,7 +199,11 @@ def test_photos_of_one_line_in_text_are_refused_and_those_of_an_empty_second_lin
     (model / "images.txt").write_text("\n\n".join(photos) + "\n\n")
     assert len(load_collection(root).photos) == 4
     alike = "\n".join(photos) + "\n"
-    for text, name in [(alike, "photo_0.png"), (alike.replace(".png", ""), "photo_0"), ("\n\n".join(photos), "photo_3.png")]:
+    for text, name in [
+        (alike, "photo_0.png"),
+        (alike.replace(".png", ""), "photo_0"),
+        ("\n\n".join(photos), "photo_3.png"),
+    ]:
         (model / "images.txt").write_text(text)
         with pytest.raises(BadInput, match=f"images.txt gives {name} one line in place of two. Add the line"):
             load_collection(root)

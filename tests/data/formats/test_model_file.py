@@ -28,7 +28,8 @@ def test_truncated_binary_models_are_refused(tmp_path, part, share):
     [("cameras", 12, 99), ("cameras", 12, 2**32 - 1), ("images", 0, 2**62), ("images", 0, 1), ("points3D", 51, 2**62)],
 )
 def test_numbers_that_no_binary_model_holds_are_refused(tmp_path, part, place, number):
-    """A camera model that does not exist, and counts of images or of a point's photos that are too large for the file or too small."""
+    """A camera model that does not exist, and counts of images or of a point's photos
+    that are too large for the file or too small."""
     root = SmallScene().write(tmp_path / "scene")
     path = root / "sparse" / "0" / f"{part}.bin"
     data, size = path.read_bytes(), 4 if part == "cameras" else 8

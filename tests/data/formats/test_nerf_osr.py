@@ -1,4 +1,5 @@
-"""NeRF-OSR folders: the cameras of the model that they were made from, their splits and masks, and what is wrong with them."""
+"""NeRF-OSR folders: the cameras of the model that they were made from, their splits and masks,
+and what is wrong with them."""
 
 import codecs
 import os
@@ -45,14 +46,18 @@ def test_photos_that_are_missing_are_named(scene):
     collection = load_collection(scene)
     assert used(collection) == {"photo_1.png": "train", "photo_3.png": "test"}
     for split, photo in (("train", "photo_2"), ("test", "photo_0")):
-        assert notes_with(collection, f"1 photo with a pose missing in {scene / 'final' / split / 'rgb'}: {photo}"), collection.notes
+        assert notes_with(collection, f"1 photo with a pose missing in {scene / 'final' / split / 'rgb'}: {photo}"), (
+            collection.notes
+        )
 
 
 def test_texts_as_windows_programs_save_them(scene):
     before = load_collection(scene)
     for path in (scene / "final").rglob("*.txt"):
         path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
-    assert [photo.camera.numbers() for photo in load_collection(scene).photos] == [photo.camera.numbers() for photo in before.photos]
+    assert [photo.camera.numbers() for photo in load_collection(scene).photos] == [
+        photo.camera.numbers() for photo in before.photos
+    ]
 
 
 @pytest.mark.parametrize("place", ["final_clean", "."])
@@ -70,7 +75,9 @@ def test_validation_photos_are_held_out_where_there_are_no_test_photos(scene):
     assert used(load_collection(scene)) == {"photo_1.png": "train", "photo_2.png": "train", "photo_3.png": "test"}
     shutil.rmtree(scene / "final" / "validation")
     collection = load_collection(scene)
-    assert used(collection) == {"photo_1.png": "test", "photo_2.png": "train"} and notes_with(collection, "every 8th photo")
+    assert used(collection) == {"photo_1.png": "test", "photo_2.png": "train"} and notes_with(
+        collection, "every 8th photo"
+    )
 
 
 def test_photos_whose_names_are_not_utf_8_are_reported_and_the_others_used(scene):
@@ -79,7 +86,9 @@ def test_photos_whose_names_are_not_utf_8_are_reported_and_the_others_used(scene
         folder = scene / "final" / "train" / part
         (folder / f"photo_1{suffix}").rename(folder / f"{latin}{suffix}")
     collection = load_collection(scene)
-    assert "photo_1.png" not in used(collection) and notes_with(collection, f"whose name is not in UTF-8, not used: {latin}.png")
+    assert "photo_1.png" not in used(collection) and notes_with(
+        collection, f"whose name is not in UTF-8, not used: {latin}.png"
+    )
 
 
 def test_photos_of_one_name_are_told_apart_by_their_split(scene):
@@ -101,19 +110,31 @@ def test_masks_belong_to_the_photo_of_their_stem_or_whole_name(scene):
     for split, stem in (("train", "photo_2"), ("test", "photo_0")):
         assert cv2.imwrite(str(scene / "final" / split / "mask" / f"{stem}.jpg"), mask)
     collection = load_collection(scene)
-    assert [photo.mask and photo.mask.path.name for name in ("test", "train") for photo in collection.split(name)] == [None, None, "photo_2.jpg"]
+    assert [photo.mask and photo.mask.path.name for name in ("test", "train") for photo in collection.split(name)] == [
+        None,
+        None,
+        "photo_2.jpg",
+    ]
     assert notes_with(collection, "1 photo without a mask, used whole: photo_1.png")
     (scene / "final" / "train" / "mask" / "photo_2.jpg").rename(scene / "final" / "train" / "mask" / "photo_2.png.jpg")
     assert load_collection(scene).photo("photo_2.png").mask.path.name == "photo_2.png.jpg"
     (scene / "final" / "train" / "mask" / "photo_2.png.jpg").rename(scene / "final" / "train" / "mask" / "mask_2.jpg")
-    assert notes_with(load_collection(scene), f"No mask in {scene / 'final' / 'train' / 'mask'} has the name of a training photo: none is used")
+    assert notes_with(
+        load_collection(scene),
+        f"No mask in {scene / 'final' / 'train' / 'mask'} has the name of a training photo: none is used",
+    )
 
 
 def test_photos_in_folders_below_are_found_with_their_cameras_and_masks(scene):
     given = load_collection(scene)
     place = scene / "final" / "train"
     cv2.imwrite(str(place / "mask.png"), np.full((HEIGHT, WIDTH), 255, np.uint8))
-    for part, name in (("rgb", "photo_1.png"), ("pose", "photo_1.txt"), ("intrinsics", "photo_1.txt"), ("mask", "photo_1.png")):
+    for part, name in (
+        ("rgb", "photo_1.png"),
+        ("pose", "photo_1.txt"),
+        ("intrinsics", "photo_1.txt"),
+        ("mask", "photo_1.png"),
+    ):
         (place / part / "noon").mkdir(parents=True)
         (place / ("mask.png" if part == "mask" else f"{part}/{name}")).rename(place / part / "noon" / name)
     found = load_collection(scene)
@@ -156,7 +177,8 @@ def test_a_scene_without_training_photos_is_refused(scene):
     for path in (scene / "final" / "train" / "intrinsics").iterdir():
         path.write_text("nothing")
     with pytest.raises(
-        BadInput, match="leaves no photo to train on: 2 photos whose text file in intrinsics/ does not hold 16 numbers, not used.* Correct"
+        BadInput,
+        match="leaves no photo to train on: 2 photos whose text file in intrinsics/ does not hold 16 numbers, not used.* Correct",
     ):
         load_collection(scene)
     shutil.rmtree(scene / "final" / "train" / "rgb")

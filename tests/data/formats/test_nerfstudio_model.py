@@ -1,4 +1,5 @@
-"""The COLMAP model beside a transforms.json: its points and tracks in the frame of the poses, and the .ply where it does not fit."""
+"""The COLMAP model beside a transforms.json: its points and tracks in the frame of the poses,
+and the .ply where it does not fit."""
 
 import shutil
 import struct
@@ -40,11 +41,17 @@ def frames(scene, change):
 
 def check_same(found, given):
     """That photos of the same names show the same points at the same pixels, and that no note asks for anything."""
-    assert np.allclose(found.frame.to_world(found.points), ELSEWHERE * given.frame.to_world(given.points), rtol=0, atol=1e-9)
+    assert np.allclose(
+        found.frame.to_world(found.points), ELSEWHERE * given.frame.to_world(given.points), rtol=0, atol=1e-9
+    )
     assert np.array_equal(found.point_colours, given.point_colours)
     for ours, theirs in zip(found.photos, given.photos, strict=True):
         assert np.array_equal(ours.points, theirs.points)
-        for one, other in zip(ours.camera.project(found.points[ours.points]), theirs.camera.project(given.points[theirs.points]), strict=True):
+        for one, other in zip(
+            ours.camera.project(found.points[ours.points]),
+            theirs.camera.project(given.points[theirs.points]),
+            strict=True,
+        ):
             assert np.allclose(one, other, rtol=0, atol=1e-6)
     assert Note(f"The points of the COLMAP model {found.root / MODEL} are used.", harmless=True) in found.notes
     assert not notes_with(found, "Nothing says which photo sees which point") and not notes_with(found, "not used")
@@ -73,8 +80,12 @@ def test_photos_that_were_renamed_are_known_by_their_ids(scene, colmap):
 def test_rounded_poses_fit(scene, colmap):
     frames(scene, lambda number, frame: frame.update(transform_matrix=np.round(frame["transform_matrix"], 4).tolist()))
     found, given = load_collection(scene), load_collection(colmap)
-    assert all(np.array_equal(ours.points, theirs.points) for ours, theirs in zip(found.photos, given.photos, strict=True))
-    assert np.allclose(found.frame.to_world(found.points), ELSEWHERE * given.frame.to_world(given.points), rtol=0, atol=1e-2)
+    assert all(
+        np.array_equal(ours.points, theirs.points) for ours, theirs in zip(found.photos, given.photos, strict=True)
+    )
+    assert np.allclose(
+        found.frame.to_world(found.points), ELSEWHERE * given.frame.to_world(given.points), rtol=0, atol=1e-2
+    )
 
 
 def test_a_photo_that_the_model_lacks_keeps_its_pose_and_sees_nothing(scene, colmap):
@@ -90,7 +101,9 @@ def test_of_several_models_the_largest_that_fits_is_used(scene, colmap):
     SmallScene(names=NAMES[:3]).reconstruction().write_binary(str(scene / MODEL))
     assert notes_with(load_collection(scene), "sparse/2 are used")
     (scene / "colmap/sparse/1").mkdir()
-    SmallScene(names=[f"other_{number}.png" for number in range(9)]).reconstruction().write_binary(str(scene / "colmap/sparse/1"))
+    SmallScene(names=[f"other_{number}.png" for number in range(9)]).reconstruction().write_binary(
+        str(scene / "colmap/sparse/1")
+    )
     found = load_collection(frames(scene, lambda number, frame: frame.pop("colmap_im_id")))
     assert notes_with(found, "sparse/2 are used") and not notes_with(found, "not used")
 
@@ -99,7 +112,11 @@ def test_a_model_without_tracks_says_so(scene):
     cut_features(scene / MODEL / "images.bin")
     cut_tracks(scene / MODEL / "points3D.bin")
     found = load_collection(scene)
-    assert len(found.points) == 20 and notes_with(found, "are used") and notes_with(found, "Nothing says which photo sees which point")
+    assert (
+        len(found.points) == 20
+        and notes_with(found, "are used")
+        and notes_with(found, "Nothing says which photo sees which point")
+    )
 
 
 # --- what does not fit
@@ -170,7 +187,11 @@ def test_the_points_file_is_used_where_the_model_does_not_fit(scene, spoil, why)
     spoil(scene)
     found = load_collection(scene)
     assert (len(found.photos), len(found.points)) == (5, 20) and not any(len(photo.points) for photo in found.photos)
-    (note,) = (note for note in found.notes if note.text.startswith(f"The points of the COLMAP model {scene / MODEL} are not used: "))
+    (note,) = (
+        note
+        for note in found.notes
+        if note.text.startswith(f"The points of the COLMAP model {scene / MODEL} are not used: ")
+    )
     assert why in note.text and not note.harmless
     assert notes_with(found, "Nothing says which photo sees which point")
     (scene / "sparse_pc.ply").unlink()

@@ -37,7 +37,8 @@ def lens_of(photo):
 
 
 def farthest_px(first, second, points):
-    """By how much two collections differ in where their photos of one name show points (world units), distorted or not."""
+    """By how much two collections differ in where their photos of one name show points
+    (world units), distorted or not."""
     worst, others = 0.0, {photo.name: photo for photo in second.photos}
     for photo in first.photos:
         seen = []
@@ -97,7 +98,10 @@ def test_distortion_params_stand_for_the_terms(tmp_path):
 def test_the_sample_has_the_same_cameras_in_every_format(tmp_path):
     given = load_collection(PLAZA)
     splits = {photo.name: photo.split for photo in given.photos}
-    lists = {f"{split}_filenames": [f"images/{name}" for name in splits if splits[name] == split] for split in ("train", "test")}
+    lists = {
+        f"{split}_filenames": [f"images/{name}" for name in splits if splits[name] == split]
+        for split in ("train", "test")
+    }
     shown = given.frame.to_world(given.points)
     for root in (write_nerfstudio(PLAZA, tmp_path / "a", None, **lists), write_nerf_osr(PLAZA, tmp_path / "b", splits)):
         found = load_collection(root)
@@ -109,7 +113,9 @@ def test_the_sample_has_the_same_cameras_in_every_format(tmp_path):
 # --- where photos are
 
 
-@pytest.mark.parametrize("change", [str.upper, lambda name: name.removesuffix(".png"), lambda name: name.replace("/", "\\")])
+@pytest.mark.parametrize(
+    "change", [str.upper, lambda name: name.removesuffix(".png"), lambda name: name.replace("/", "\\")]
+)
 def test_paths_without_a_suffix_and_of_windows(scene, change):
     if change is str.upper:
         (scene / "images").rename(scene / "IMAGES")
@@ -123,11 +129,16 @@ def test_of_photos_that_were_shrunk_and_not_kept_the_small_ones_are_used(scene):
     before, folder, small = load_collection(scene).photos, scene / "images", scene / "images_2"
     small.mkdir()
     for path in sorted(folder.iterdir()):
-        cv2.imwrite(str(small / path.name), cv2.resize(cv2.imread(str(path)), (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA))
+        cv2.imwrite(
+            str(small / path.name),
+            cv2.resize(cv2.imread(str(path)), (WIDTH // 2, HEIGHT // 2), interpolation=cv2.INTER_AREA),
+        )
         path.unlink()
     for whole, half in zip(before, load_collection(scene).photos, strict=True):
         assert (half.camera.width, half.camera.height) == (WIDTH // 2, HEIGHT // 2)
-        assert half.camera.fx == pytest.approx(whole.camera.fx / 2) and half.camera.cy == pytest.approx(whole.camera.cy / 2)
+        assert half.camera.fx == pytest.approx(whole.camera.fx / 2) and half.camera.cy == pytest.approx(
+            whole.camera.cy / 2
+        )
 
 
 def test_a_photo_that_was_taken_out_does_not_come_back_shrunken(scene):
@@ -135,13 +146,17 @@ def test_a_photo_that_was_taken_out_does_not_come_back_shrunken(scene):
     for path in (scene / "images").iterdir():
         (scene / "images_2" / path.name).write_bytes(path.read_bytes())
     (scene / "images" / "photo_1.png").unlink()
-    assert [photo.name for photo in load_collection(scene).photos] == [name for name in SmallScene().names if name != "photo_1.png"]
+    assert [photo.name for photo in load_collection(scene).photos] == [
+        name for name in SmallScene().names if name != "photo_1.png"
+    ]
 
 
 def test_photos_may_lie_outside_the_scene(scene, tmp_path):
     (scene / "images").rename(tmp_path / "elsewhere")
     paths = [str(tmp_path / "elsewhere" / "photo_0.png"), *(f"../elsewhere/photo_{number}.png" for number in (1, 2, 3))]
-    changed(scene, lambda facts: [frame.update(file_path=path) for frame, path in zip(facts["frames"], paths, strict=True)])
+    changed(
+        scene, lambda facts: [frame.update(file_path=path) for frame, path in zip(facts["frames"], paths, strict=True)]
+    )
     (link := tmp_path / "colmap" / "link").symlink_to(scene)
     assert all([photo.name for photo in load_collection(root).photos] == SmallScene().names for root in (scene, link))
 
@@ -151,7 +166,8 @@ def test_names_that_are_not_utf_8_are_used_if_points_are_given_and_otherwise_rep
     (scene / "images" / "photo_1.png").rename(scene / "images" / latin)
     changed(scene, lambda facts: facts["frames"][1].update(file_path=f"images/{latin}"))
     assert latin in [photo.name for photo in load_collection(scene).photos]
-    collection = load_collection(changed(scene, lambda facts: facts.pop("ply_file_path")))  # COLMAP has to triangulate them
+    # COLMAP has to triangulate them.
+    collection = load_collection(changed(scene, lambda facts: facts.pop("ply_file_path")))
     assert [photo.name for photo in collection.photos] == ["photo_0.png", "photo_2.png", "photo_3.png"]
     assert notes_with(collection, f"1 photo whose name is not in UTF-8, not used: {latin}")
 
@@ -203,7 +219,9 @@ def test_frames_that_are_wrong_are_named_and_the_others_used(scene, fault, words
 
 def test_a_file_without_a_usable_frame_is_refused(scene):
     changed(scene, lambda facts: [spoil("camera_model", "EQUIRECTANGULAR")(frame) for frame in facts["frames"]])
-    with pytest.raises(BadInput, match="No photo of .*transforms.json can be used: 4 photos with a camera_model that is not supported"):
+    with pytest.raises(
+        BadInput, match="No photo of .*transforms.json can be used: 4 photos with a camera_model that is not supported"
+    ):
         load_collection(scene)
 
 
@@ -213,7 +231,9 @@ def test_a_scaled_camera_sees_the_same_and_rounded_digits_are_made_whole(scene):
     assert farthest_px(scaled, plain, SmallScene().points) < EXACT_PX
     changed(
         scene,
-        lambda facts: facts["frames"][2].update(transform_matrix=np.round(facts["frames"][2]["transform_matrix"], 3).tolist()),
+        lambda facts: facts["frames"][2].update(
+            transform_matrix=np.round(facts["frames"][2]["transform_matrix"], 3).tolist()
+        ),
     )
     rounded = load_collection(scene)
     matrix = rounded.photos[2].camera.world_to_camera
@@ -284,8 +304,12 @@ def test_masks_hide_parts_of_training_photos_only(scene):
     )
     collection = load_collection(scene)
     assert [photo.mask and photo.mask.path.name for photo in collection.split("train")] == ["1.png", "2.png", None]
-    assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[0].mask.path.name == "0.png"
-    assert notes_with(collection, "2 photos with a mask from") and notes_with(collection, "whose mask is missing, used whole: photo_3.png (")
+    assert [photo.mask for photo in collection.split("test")] == [None] and collection.undivided().split("train")[
+        0
+    ].mask.path.name == "0.png"
+    assert notes_with(collection, "2 photos with a mask from") and notes_with(
+        collection, "whose mask is missing, used whole: photo_3.png ("
+    )
     assert not load_photo(collection.photos[1], WIDTH, HEIGHT).valid[:, : WIDTH // 2].any()
     undivided = load_collection(scene, all_photos=True)
     assert undivided.split("train")[0].mask.path.name == "0.png" and notes_with(undivided, "3 photos with a mask from")

@@ -1,4 +1,5 @@
-"""Blender scenes: an angle of view and nothing else, photos without a suffix, splits in files of their own, transparency."""
+"""Blender scenes: an angle of view and nothing else, photos without a suffix,
+splits in files of their own, transparency."""
 
 import json
 import shutil
@@ -35,7 +36,9 @@ def test_cameras_and_splits_of_a_blender_scene_are_read(tmp_path, blender):
 
 def test_blenders_validation_photos_are_held_out_only_where_there_are_no_test_photos(blender):
     shutil.copy(blender / "transforms_test.json", blender / "transforms_val.json")
-    assert notes_with(load_collection(blender), "transforms_val.json is not used: transforms_test.json is what is held out")
+    assert notes_with(
+        load_collection(blender), "transforms_val.json is not used: transforms_test.json is what is held out"
+    )
     (blender / "transforms_test.json").unlink()
     assert splits_of(load_collection(blender)) == ["test", "train", "train", "train"]
     (blender / "transforms_val.json").unlink()
@@ -51,7 +54,9 @@ def test_an_empty_test_split_is_replaced_and_an_empty_training_split_refused(ble
     write_json(blender / "transforms_test.json", {"frames": []})
     assert splits_of(load_collection(blender)) == ["test", "train", "train"]
     shutil.rmtree(blender / "train")
-    with pytest.raises(BadInput, match="No photo of .*transforms_train.json can be used: 3 photos of transforms_train.json missing"):
+    with pytest.raises(
+        BadInput, match="No photo of .*transforms_train.json can be used: 3 photos of transforms_train.json missing"
+    ):
         load_collection(blender)
     write_json(blender / "transforms_train.json", {"frames": []})
     with pytest.raises(BadInput, match="transforms_train.json has no frames"):
@@ -67,7 +72,8 @@ def test_photos_in_both_files_are_held_out_and_said_so(blender):
     assert splits_of(found).count("train") == 2
     write_json(blender / "transforms_test.json", training)
     with pytest.raises(
-        BadInput, match="leaves no photo to train on: 3 photos in both transforms_train.json and transforms_test.json, held out.* --all-photos"
+        BadInput,
+        match="leaves no photo to train on: 3 photos in both transforms_train.json and transforms_test.json, held out.* --all-photos",
     ):
         load_collection(blender)
 
@@ -78,7 +84,10 @@ def test_missing_held_out_photos_are_not_put_down_to_the_training_file(blender):
         frame["file_path"] = "gone/" + frame["file_path"]
     write_json(blender / "transforms_test.json", held_out)
     notes = "\n".join(texts_of(load_collection(blender).notes))
-    assert "of transforms_train.json, transforms_test.json missing in" in notes and "No photo that is held out can be used" in notes
+    assert (
+        "of transforms_train.json, transforms_test.json missing in" in notes
+        and "No photo that is held out can be used" in notes
+    )
 
 
 def test_held_out_photos_alone_train_nothing(blender):

@@ -38,15 +38,28 @@ def test_intrinsics_at_the_top(scene, top, fx, fy, cx):
 
 
 def test_a_frames_own_intrinsics_come_first_and_photos_may_differ(scene):
-    changed(scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150), facts["frames"][2].update(fl_x=170)))
-    assert [photo.camera.fx for photo in load_collection(scene).photos] == pytest.approx([150, 150, 170, 150], rel=1e-12)
+    changed(
+        scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150), facts["frames"][2].update(fl_x=170))
+    )
+    assert [photo.camera.fx for photo in load_collection(scene).photos] == pytest.approx(
+        [150, 150, 170, 150], rel=1e-12
+    )
 
 
 def test_a_frames_own_angle_comes_before_the_focal_length_of_all(scene):
     angle = 2 * np.arctan(80 / 170)
-    changed(scene, lambda facts: (without_intrinsics(facts), facts.update(fl_x=150, fl_y=150), facts["frames"][2].update(camera_angle_x=angle)))
+    changed(
+        scene,
+        lambda facts: (
+            without_intrinsics(facts),
+            facts.update(fl_x=150, fl_y=150),
+            facts["frames"][2].update(camera_angle_x=angle),
+        ),
+    )
     cameras = [photo.camera for photo in load_collection(scene).photos]
-    assert [(camera.fx, camera.fy) for camera in cameras[1:3]] == [pytest.approx((focal, focal), rel=1e-12) for focal in (150, 170)]
+    assert [(camera.fx, camera.fy) for camera in cameras[1:3]] == [
+        pytest.approx((focal, focal), rel=1e-12) for focal in (150, 170)
+    ]
 
 
 def test_a_frames_own_focal_length_comes_before_the_angles_of_all(scene):

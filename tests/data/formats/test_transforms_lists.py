@@ -38,7 +38,9 @@ def splits(collection):
     ],
 )  # fmt: skip
 def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
-    collection = load_collection(changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()})))
+    collection = load_collection(
+        changed(scene, lambda facts: facts.update({f"{name}_filenames": names for name, names in lists.items()}))
+    )
     assert splits(collection) == expected
     assert note is None or notes_with(collection, note)
     assert not notes_with(load_collection(scene, all_photos=True), "in both")
@@ -48,8 +50,14 @@ def test_lists_of_file_names_split_the_photos(scene, lists, expected, note):
     ("lists", "words"),
     [
         ({"test": named(0, 1, 2, 3)}, "transforms.json leaves no photo to train on. .* --all-photos"),
-        ({"train": [], "test": named(0)}, "leaves no photo to train on: 3 photos listed neither for training nor for testing"),
-        ({"train": named(9), "test": named(0)}, "leaves no photo to train on: 1 photo listed in transforms.json without a usable frame: photo_9.png"),
+        (
+            {"train": [], "test": named(0)},
+            "leaves no photo to train on: 3 photos listed neither for training nor for testing",
+        ),
+        (
+            {"train": named(9), "test": named(0)},
+            "leaves no photo to train on: 1 photo listed in transforms.json without a usable frame: photo_9.png",
+        ),
         ({"train": 3}, "has a ..._filenames that is not a list of file names"),
     ],
 )

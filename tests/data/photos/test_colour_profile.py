@@ -19,7 +19,9 @@ SWAPPED = SRGB.replace(b"rXYZ", b"_").replace(b"gXYZ", b"rXYZ").replace(b"_", b"
 GREY = SRGB.replace(b"RGB XYZ ", b"GRAYXYZ ").replace(b"rTRC", b"kTRC")
 # The red, green and blue of Display P3, adapted to D50 as ICC profiles have them (columns of XYZ).
 P3 = {b"rXYZ": (0.5151, 0.2412, -0.0011), b"gXYZ": (0.2920, 0.6922, 0.0419), b"bXYZ": (0.1571, 0.0666, 0.7841)}
-COLOURS = cv2.resize(np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8), (50, 40), interpolation=cv2.INTER_LINEAR)
+COLOURS = cv2.resize(
+    np.random.default_rng(0).integers(0, 256, (4, 5, 3), np.uint8), (50, 40), interpolation=cv2.INTER_LINEAR
+)
 WITHIN = 1  # 8-bit steps
 
 
@@ -35,7 +37,9 @@ def save(path, pixels, profile, **options):
     if path.suffix == ".heic":
         import pillow_heif
 
-        pillow_heif.from_pillow(Image.fromarray(pixels)).save(path, quality=-1, chroma=444, matrix_coefficients=0, icc_profile=profile)
+        pillow_heif.from_pillow(Image.fromarray(pixels)).save(
+            path, quality=-1, chroma=444, matrix_coefficients=0, icc_profile=profile
+        )
     else:
         Image.fromarray(pixels).save(path, icc_profile=profile, **options)
     return path
@@ -45,7 +49,8 @@ def test_display_p3(tmp_path):
     """The red, green and blue of sRGB, white and grey, as phones write them."""
     colours = np.array([[[234, 51, 35], [117, 251, 76], [0, 0, 245], [255, 255, 255], [128, 128, 128]]], np.uint8)
     wanted = [[[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 255], [128, 128, 128]]]
-    assert np.abs(read_pixels(save(tmp_path / "a.png", colours, display_p3())).astype(int) - wanted).max() <= 5  # dark channels round in large steps
+    # Dark channels round in large steps.
+    assert np.abs(read_pixels(save(tmp_path / "a.png", colours, display_p3())).astype(int) - wanted).max() <= 5
 
 
 @pytest.mark.parametrize(
@@ -90,7 +95,9 @@ def test_one_shade_is_transparent_in_a_grey_photo_with_a_profile(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "profile", [SRGB, b"broken", SWAPPED[:200], SWAPPED.replace(b"RGB XYZ ", b"CMYKLab ")], ids=["sRGB", "no profile", "cut short", "of inks"]
+    "profile",
+    [SRGB, b"broken", SWAPPED[:200], SWAPPED.replace(b"RGB XYZ ", b"CMYKLab ")],
+    ids=["sRGB", "no profile", "cut short", "of inks"],
 )
 def test_srgb_and_profiles_of_no_use_change_nothing(tmp_path, profile):
     assert np.array_equal(read_pixels(save(tmp_path / "a.png", COLOURS, profile)), COLOURS)
@@ -99,7 +106,9 @@ def test_srgb_and_profiles_of_no_use_change_nothing(tmp_path, profile):
 def test_what_a_profile_is_called_does_not_count(tmp_path):
     called_srgb = "sRGB".encode("utf-16-be")
     assert called_srgb in SWAPPED and probe(save(tmp_path / "a.png", COLOURS, SWAPPED)).profile == SWAPPED
-    assert probe(save(tmp_path / "b.png", COLOURS, SRGB.replace(called_srgb, "c2  ".encode("utf-16-be")))).profile == b""
+    assert (
+        probe(save(tmp_path / "b.png", COLOURS, SRGB.replace(called_srgb, "c2  ".encode("utf-16-be")))).profile == b""
+    )
 
 
 def test_colmap_gets_srgb(tmp_path):
@@ -109,4 +118,5 @@ def test_colmap_gets_srgb(tmp_path):
     copied = {name: tmp_path / PHOTOS / copy for copy, name in copies.items()}
     assert copied["plain.jpg"].read_bytes() == plain.read_bytes()
     assert probe(copied["other.jpg"]).profile == b""
-    assert np.abs(read_pixels(copied["other.jpg"]).astype(int) - COLOURS[..., [1, 0, 2]]).mean() < 4  # with coarser colours
+    # With coarser colours.
+    assert np.abs(read_pixels(copied["other.jpg"]).astype(int) - COLOURS[..., [1, 0, 2]]).mean() < 4

@@ -1,4 +1,5 @@
-"""Distorted photos: undistorted pixels lie where the pinhole camera says, and those that the photo does not show are invalid."""
+"""Distorted photos: undistorted pixels lie where the pinhole camera says,
+and those that the photo does not show are invalid."""
 
 import cv2
 import numpy as np
@@ -118,7 +119,8 @@ def test_cushion_lenses_leave_the_corners_invalid():
 
 
 def test_lens_formulas_that_fold_over_are_cut_at_the_fold():
-    """r (1 - r^2 / 2) turns back at r = 0.816 and mirrors the picture beyond r = 1.41: nothing beyond the fold is valid."""
+    """r (1 - r^2 / 2) turns back at r = 0.816 and mirrors the picture beyond r = 1.41:
+    nothing beyond the fold is valid."""
     focal = 60.0
     _, valid = picture_through("SIMPLE_RADIAL", [focal, 80, 60, -0.5])
     y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
@@ -162,7 +164,12 @@ def test_large_pictures_are_done_in_blocks(monkeypatch):
 @pytest.mark.parametrize("strength, folds", [(-1.6, True), (-0.6, True), (-0.05, False), (0.0, False), (0.4, False)])
 def test_a_lens_folds_over_where_no_ray_leads_to_the_edge(strength, folds):
     """Rays at r = 1 / sqrt(-3 k) are drawn farthest out, at two thirds of r; a corner lies at 1."""
-    assert distortion.folds_over(pycolmap.Camera(model="SIMPLE_RADIAL", width=160, height=120, params=[100, 80, 60, strength])) == folds
+    assert (
+        distortion.folds_over(
+            pycolmap.Camera(model="SIMPLE_RADIAL", width=160, height=120, params=[100, 80, 60, strength])
+        )
+        == folds
+    )
 
 
 @pytest.mark.parametrize("name", LENSES)

@@ -21,7 +21,8 @@ def write(path, height=24, width=40, *options):
     return path
 
 
-@pytest.mark.parametrize(("quality", "channels", "chunk"), [(80, 3, b"VP8 "), (101, 3, b"VP8L"), (80, 4, b"VP8X")])  # 101: lossless
+# 101: lossless.
+@pytest.mark.parametrize(("quality", "channels", "chunk"), [(80, 3, b"VP8 "), (101, 3, b"VP8L"), (80, 4, b"VP8X")])
 @pytest.mark.parametrize("size", [(1, 2), (300, 5000), (16383, 3)])
 def test_the_size_of_webp_is_read_without_decoding_it(tmp_path, monkeypatch, quality, channels, chunk, size):
     path, (width, height) = tmp_path / "photo.webp", size
@@ -51,12 +52,18 @@ COLOURS = np.random.default_rng(0).integers(0, 256, (24, 40, 3), np.uint8)
     ids=["plain", "several strips", "jpeg", "big-endian"],
 )
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_the_size_of_tiff_is_read_without_decoding_it_and_is_the_decoders(tmp_path, monkeypatch, pixels, options, orientation):
+def test_the_size_of_tiff_is_read_without_decoding_it_and_is_the_decoders(
+    tmp_path, monkeypatch, pixels, options, orientation
+):
     path = write_tiff(tmp_path / "photo.tif", pixels, orientation, **options)
     shown = read_pixels(path)
     monkeypatch.setattr(ImageFile.ImageFile, "load", None)
     header = probe(path)
-    assert header.displayed == shown.shape[1::-1] and (header.width, header.height, header.orientation) == (40, 24, orientation)
+    assert header.displayed == shown.shape[1::-1] and (header.width, header.height, header.orientation) == (
+        40,
+        24,
+        orientation,
+    )
 
 
 DEEP = COLOURS[..., 0].astype(np.uint16) * 257
@@ -157,7 +164,9 @@ def test_orientation_is_taken_out_and_the_rest_stays():
     assert dict(tags_of(upright_exif(exif_block(6, ">")))) == tags | {ORIENTATION: 1}
 
 
-@pytest.mark.parametrize("block", [b"", b"II", b"II*\0\xff\xff\xff\xff", b"nonsense", exif_block(6)[:16], exif_block(77)])
+@pytest.mark.parametrize(
+    "block", [b"", b"II", b"II*\0\xff\xff\xff\xff", b"nonsense", exif_block(6)[:16], exif_block(77)]
+)
 def test_broken_exif_means_not_turned(tmp_path, block):
     path = write(tmp_path / "photo.jpg")
     add_exif(path, block)
@@ -179,7 +188,14 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.mark.parametrize(
     "content",
-    [b"text", b"\xff\xd8\xff\xe0", b"\xff\xd8abcd", PNG + b"\0" * 12, PNG + b"\0\0\0\0IHDR" + b"\0" * 4, b"RIFF\x04\0\0\0WEBP"],
+    [
+        b"text",
+        b"\xff\xd8\xff\xe0",
+        b"\xff\xd8abcd",
+        PNG + b"\0" * 12,
+        PNG + b"\0\0\0\0IHDR" + b"\0" * 4,
+        b"RIFF\x04\0\0\0WEBP",
+    ],
     ids=["text", "segment cut short", "no segment", "empty chunk", "size missing", "no chunks"],
 )
 def test_what_is_no_photo_is_refused(tmp_path, content):

@@ -11,7 +11,10 @@ def picture(seed, contrast=1.0, height=300, width=400):
     """Blobs of several sizes."""
     random = np.random.default_rng(seed)
     shapes = ((12, 16), (50, 66), (100, 133))
-    blobs = sum(cv2.resize(random.normal(0, 30 * contrast, shape), (width, height), interpolation=cv2.INTER_CUBIC) for shape in shapes)
+    blobs = sum(
+        cv2.resize(random.normal(0, 30 * contrast, shape), (width, height), interpolation=cv2.INTER_CUBIC)
+        for shape in shapes
+    )
     return np.clip(128 + blobs[..., None] * (1.1, 1.0, 0.8), 0, 255).astype(np.uint8)
 
 
@@ -32,7 +35,8 @@ def test_a_picture_is_known_again_and_others_are_not(contrast):
     assert same(a, a) and same(a, stored_again(a)) and same(b, stored_again(b)) and not same(a, b)
     assert not same(a, np.roll(a, 4, axis=1))  # 1% of the width, as from a step aside
     assert not same(a, a[:250])
-    assert same(a, cv2.resize(a, (404, 300))) and not same(a, cv2.resize(a, (430, 300)))  # squeezed by a hundredth, and by more
+    # Squeezed by a hundredth, and by more.
+    assert same(a, cv2.resize(a, (404, 300))) and not same(a, cv2.resize(a, (430, 300)))
     assert not same(a, np.clip(a * 1.2, 0, 255).astype(np.uint8))  # in other light
 
 
@@ -62,7 +66,9 @@ def test_of_many_pictures_the_one_is_met_again_that_comparing_them_all_finds():
     versions = [picture(seed, 1.8) for seed in range(5)]
     limits = [SAME_COLOURS * Thumbnail.of(pixels).colours.std() for pixels in versions]
     versions += [
-        np.clip(np.rint(a + share * b), 0, 255).astype(np.uint8) for share in (0.9, 1.3) for a, b in zip(versions[:5], limits[:5], strict=True)
+        np.clip(np.rint(a + share * b), 0, 255).astype(np.uint8)
+        for share in (0.9, 1.3)
+        for a, b in zip(versions[:5], limits[:5], strict=True)
     ]
     versions += [stored_again(pixels) for pixels in versions]
     pictures, thumbnails, found = Pictures(), [Thumbnail.of(pixels) for pixels in versions], []

@@ -13,7 +13,15 @@ from PIL import Image
 from core.data.collection import GivenMask, Photo
 from core.data.photos import distortion
 from core.data.photos.file import probe
-from core.data.photos.pixels import OPAQUE, load_photo, read_light, read_mask, read_pixels, read_pixels_and_alpha, upright
+from core.data.photos.pixels import (
+    OPAQUE,
+    load_photo,
+    read_light,
+    read_mask,
+    read_pixels,
+    read_pixels_and_alpha,
+    upright,
+)
 from core.data.photos.stored import reduction
 from core.errors import BadInput
 from core.scene.camera import Camera
@@ -147,7 +155,8 @@ def test_opaque_photos_have_nothing_empty(tmp_path):
         assert loaded.empty is None and loaded.pixels.shape == (30, 44, 3)
 
 
-@pytest.mark.parametrize("size", [(44, 30), (31, 21)])  # the second is shrunk before it is undistorted, by no whole factor
+# The second is shrunk before it is undistorted, by no whole factor.
+@pytest.mark.parametrize("size", [(44, 30), (31, 21)])
 def test_what_is_empty_goes_through_lens_and_mask_as_colours_do(tmp_path, size):
     pixels = cv2.GaussianBlur(noise(60, 88, 4), (0, 0), 3)
     grey = np.dstack([255 - pixels[..., 3]] * 3)
@@ -156,7 +165,9 @@ def test_what_is_empty_goes_through_lens_and_mask_as_colours_do(tmp_path, size):
     lens = Lens("SIMPLE_RADIAL", 88, 60, [50.0, 44.0, 30.0, 0.2])
     loaded = []
     for name, kept in (("a.png", pixels), ("b.png", grey)):
-        photo = replace(photo_at(save(tmp_path / name, kept), 88, 60, lens), mask=GivenMask(save(tmp_path / "mask.png", mask)))
+        photo = replace(
+            photo_at(save(tmp_path / name, kept), 88, 60, lens), mask=GivenMask(save(tmp_path / "mask.png", mask))
+        )
         loaded.append(load_photo(photo, *size, transparent_is_empty=True))
     transparent, opaque = loaded
     assert 0.3 < opaque.valid.mean() < 0.9 and np.array_equal(transparent.valid, opaque.valid)
@@ -179,7 +190,9 @@ def test_white_of_a_mask_of_16_bits_is_255_or_1_as_well(tmp_path, suffix, white)
     path, shades = save(tmp_path / "a.png", noise()), np.full((30, 44), white, np.uint16)
     shades[:10] = 0
     mask = save(tmp_path / f"m{suffix}", shades)
-    assert np.array_equal(load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30).valid, shades == white)
+    assert np.array_equal(
+        load_photo(replace(photo_at(path, 44, 30), mask=GivenMask(mask)), 44, 30).valid, shades == white
+    )
 
 
 def test_the_mean_of_the_colours_decides_what_is_white(tmp_path):
@@ -244,7 +257,9 @@ def test_a_damaged_png_is_refused(tmp_path, capfd):
     capfd.readouterr()  # libpng's own complaint
 
 
-@pytest.mark.parametrize(("size", "divisor", "factor"), [((333, 251), 9, 1), ((1000, 752), 9, 8), ((997, 751), 9, 1), ((999, 751), 12, 8)])
+@pytest.mark.parametrize(
+    ("size", "divisor", "factor"), [((333, 251), 9, 1), ((1000, 752), 9, 8), ((997, 751), 9, 1), ((999, 751), 12, 8)]
+)
 @pytest.mark.parametrize("orientation", [1, 6])
 def test_shrunk_jpegs_stay_aligned(tmp_path, size, divisor, factor, orientation):
     """A dot stays where the resized camera says, although JPEGs are decoded at a fraction of their size."""

@@ -30,7 +30,9 @@ def work(tmp_path):
 
 def test_photos_that_cannot_be_decoded_count_as_done(work):
     camera, heard = Camera(np.eye(3), np.zeros(3), 100, 100, 40, 30, 80, 60), Heard()
-    posed = [(Photo(path.name, path, camera, "train"), camera) for path in (work / PHOTOS / NAMES[0], work / "none.jpg")]
+    posed = [
+        (Photo(path.name, path, camera, "train"), camera) for path in (work / PHOTOS / NAMES[0], work / "none.jpg")
+    ]
     assert list(write_pictures(posed, work, heard)) == NAMES[:1]
     assert heard.finished == {"Photos"}
 
@@ -60,7 +62,9 @@ def test_photos_are_numbered_in_their_order_however_long_they_take(tmp_path):
     (tmp_path / PHOTOS).mkdir()
     names = [f"{number:06d}.jpg" for number in range(1, 7)]
     for number, name in enumerate(names):
-        noise = np.random.default_rng(number).integers(0, 256, (1200, 1600, 3) if number % 2 == 0 else (48, 64, 3), np.uint8)
+        noise = np.random.default_rng(number).integers(
+            0, 256, (1200, 1600, 3) if number % 2 == 0 else (48, 64, 3), np.uint8
+        )
         assert cv2.imwrite(str(tmp_path / PHOTOS / name), noise)
     extract(tmp_path, names, QUIET, most=100)
     database = pycolmap.Database.open(str(tmp_path / DATABASE))
@@ -69,7 +73,12 @@ def test_photos_are_numbered_in_their_order_however_long_they_take(tmp_path):
 
 @pytest.mark.parametrize(
     "cost_s, sizes, most",
-    [(0.01, [8, 16, 32, 64, 80], 512), (1.0, [8, 8, 8], 512), (0.2, [8, 15, 15, 15], 512), (0.0, [8, 16, 32, 40, 40, 3], 40)],
+    [
+        (0.01, [8, 16, 32, 64, 80], 512),
+        (1.0, [8, 8, 8], 512),
+        (0.2, [8, 15, 15, 15], 512),
+        (0.0, [8, 16, 32, 40, 40, 3], 40),
+    ],
 )
 def test_parts_take_as_long_as_one_waits_for_progress(monkeypatch, cost_s, sizes, most):
     now = 0.0

@@ -29,7 +29,8 @@ def matches(work):
 
 @pytest.fixture(scope="module")
 def verified(tmp_path_factory):
-    """A work folder with photos of a corner, and one of noise, matched and verified; and the pairs. EXIF tells focal lengths of three of them."""
+    """A work folder with photos of a corner, and one of noise, matched and verified; and the pairs.
+    EXIF tells focal lengths of three of them."""
     work = tmp_path_factory.mktemp("guided")
     (work / PHOTOS).mkdir()
     pictures = [take_photo(rotation, centre, textures()) for rotation, centre in cameras(4)]
@@ -80,12 +81,16 @@ def some_features(count, seed):
     descriptors = rng.exponential(size=(count, BYTES)) ** 2
     descriptors *= 512 / np.linalg.norm(descriptors, axis=1, keepdims=True)
     intrinsics = np.diag([80.0 + seed, 80 + seed, 1])
-    return Features(rng.uniform(0, 100, (count, 2)).astype(np.float32), descriptors.clip(0, 255).astype(np.uint8), intrinsics)
+    return Features(
+        rng.uniform(0, 100, (count, 2)).astype(np.float32), descriptors.clip(0, 255).astype(np.uint8), intrinsics
+    )
 
 
 def defined(first, second, matrix, at_points):
     """The definition, all with all."""
-    ours, theirs = (np.column_stack([features.pixels.astype(float), np.ones(len(features.pixels))]) for features in (first, second))
+    ours, theirs = (
+        np.column_stack([features.pixels.astype(float), np.ones(len(features.pixels))]) for features in (first, second)
+    )
     mapped, back = ours @ matrix.T, theirs @ matrix
     if at_points:
         off = ((mapped[:, None, :2] / mapped[:, None, 2:] - theirs[None, :, :2]) ** 2).sum(axis=2)
@@ -93,7 +98,9 @@ def defined(first, second, matrix, at_points):
         off = (mapped @ theirs.T) ** 2 / ((mapped[:, :2] ** 2).sum(axis=1)[:, None] + (back[:, :2] ** 2).sum(axis=1))
     distances = np.linalg.norm(first.descriptors[:, None].astype(float) - second.descriptors[None], axis=2)
     distances[off > NEAR_PX**2] = np.inf
-    rivals = [np.sort(np.concatenate([distances, np.full_like(distances, np.inf)], axis=axis), axis=axis) for axis in (0, 1)]
+    rivals = [
+        np.sort(np.concatenate([distances, np.full_like(distances, np.inf)], axis=axis), axis=axis) for axis in (0, 1)
+    ]
     clear = [distances == nearest.take([0], axis) for axis, nearest in enumerate(rivals)]
     clear += [distances < 0.8 * nearest.take([1], axis) for axis, nearest in enumerate(rivals)]
     return np.argwhere(np.logical_and.reduce([distances <= LARGEST, *clear])).tolist()
@@ -105,7 +112,8 @@ def test_matches_are_as_defined(config, counts):
     first, second = some_features(counts[0], 0), some_features(counts[1], 1)
     same = min(counts)
     rng = np.random.default_rng(2)
-    second.descriptors[:same] = np.clip(first.descriptors[:same] + rng.integers(-20, 21, (same, BYTES)), 0, 255)  # alike
+    # Alike.
+    second.descriptors[:same] = np.clip(first.descriptors[:same] + rng.integers(-20, 21, (same, BYTES)), 0, 255)
     moved = np.array([[1.0, 0.05, 3.0], [-0.05, 1.0, -2.0], [1e-4, 0.0, 1.0]])
     where = np.column_stack([first.pixels[:same], np.ones(same)]) @ moved.T
     second.pixels[:same] = where[:, :2] / where[:, 2:] + rng.normal(0, 3, (same, 2))  # some near, some not

@@ -50,7 +50,9 @@ def test_cameras_of_plain_photos_are_found_once(photos, calls, tmp_path):
     assert scene_of_photos(moved, wanted, Heard()).name == "photos-scene-2"
     (moved / "photo_1.png").touch()
     assert scene_of_photos(moved, wanted, heard).name == "photos-scene-3"
-    assert heard.lines[2].endswith(f"before a change: {wanted}, {wanted}-2, which stay; remove those that no run needs.")
+    assert heard.lines[2].endswith(
+        f"before a change: {wanted}, {wanted}-2, which stay; remove those that no run needs."
+    )
 
 
 def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_path):
@@ -61,7 +63,9 @@ def test_photos_that_lie_beside_a_model_are_pointed_to_it(photos, calls, tmp_pat
     for part in ("cameras", "images", "points3D"):
         (scene / "sparse" / f"{part}.bin").touch()
     scene_of_photos(photos, tmp_path / "b", heard)
-    assert heard.lines == [f"! {scene} is a colmap scene: give that folder to use its cameras. Now they are found anew."]
+    assert heard.lines == [
+        f"! {scene} is a colmap scene: give that folder to use its cameras. Now they are found anew."
+    ]
 
 
 def test_parts_of_a_model_beside_photos_do_not_stop_them(photos, calls, tmp_path):

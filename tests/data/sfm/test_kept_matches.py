@@ -54,7 +54,10 @@ class StopsAt(Heard):
 
 def counts(database) -> tuple[int, int]:
     with closing(sqlite3.connect(database)) as connection:
-        return tuple(connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0] for table in ("keypoints", "two_view_geometries"))
+        return tuple(
+            connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0]
+            for table in ("keypoints", "two_view_geometries")
+        )
 
 
 def a_table(work) -> None:
@@ -65,7 +68,8 @@ def a_table(work) -> None:
 
 def is_same(scene, other) -> bool:
     return all(
-        (scene / "sparse/0" / name).read_bytes() == (other / "sparse/0" / name).read_bytes() for name in ("cameras.bin", "images.bin", "points3D.bin")
+        (scene / "sparse/0" / name).read_bytes() == (other / "sparse/0" / name).read_bytes()
+        for name in ("cameras.bin", "images.bin", "points3D.bin")
     )
 
 
@@ -76,8 +80,13 @@ def test_what_was_found_before_ctrl_c_is_used_again(photos, whole, tmp_path, mon
     with pytest.raises(KeyboardInterrupt):
         reconstruct.reconstruct(photos, tmp_path / "scene", stopped)
     (kept,) = tmp_path.iterdir()
-    assert stopped.lines[-1] == f"The features and matches found so far are kept in {kept}: the same command goes on from there."
-    assert {path.name.partition("-")[0] for path in kept.iterdir()} <= {DATABASE, "matches"} and counts(kept / DATABASE) == found
+    assert (
+        stopped.lines[-1]
+        == f"The features and matches found so far are kept in {kept}: the same command goes on from there."
+    )
+    assert {path.name.partition("-")[0] for path in kept.iterdir()} <= {DATABASE, "matches"} and counts(
+        kept / DATABASE
+    ) == found
     heard = Heard()
     scene = reconstruct.reconstruct(photos, tmp_path / "scene", heard)
     assert heard.lines.count(AGAIN) == 1 and is_same(scene, whole)
@@ -93,7 +102,9 @@ def test_what_was_found_before_a_kill_is_used_again(photos, whole, tmp_path):
         "        if what == 'Matches': os.kill(os.getpid(), signal.SIGKILL)\n"
         "reconstruct.reconstruct(Path(sys.argv[1]), Path(sys.argv[2]), Killed())"
     )
-    done = subprocess.run([sys.executable, "-c", program, str(photos), str(tmp_path / "scene")], check=False, capture_output=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(photos), str(tmp_path / "scene")], check=False, capture_output=True
+    )
     assert done.returncode == -signal.SIGKILL
     heard = Heard()
     assert is_same(reconstruct.reconstruct(photos, tmp_path / "scene", heard), whole) and AGAIN in heard.lines
@@ -116,7 +127,9 @@ def stopped_at(output, problem, begin):
         raise problem
 
 
-@pytest.mark.parametrize("problem", [BadInput("no"), WegsError("no"), RuntimeError("a defect, which may lie in the database")])
+@pytest.mark.parametrize(
+    "problem", [BadInput("no"), WegsError("no"), RuntimeError("a defect, which may lie in the database")]
+)
 def test_mistakes_and_defects_leave_nothing(tmp_path, problem):
     stopped_at(tmp_path / "scene", problem, lambda work: (work / DATABASE).touch())
     assert list(tmp_path.iterdir()) == []
@@ -129,9 +142,17 @@ def test_an_early_stop_leaves_nothing(tmp_path):
 
 @pytest.mark.parametrize(
     "problem",
-    [KeyboardInterrupt(), MemoryError(), opencv_error(cv2.Error.StsNoMem), OSError(errno.ENOSPC, "full"), disk_full("matches-of.json")],
+    [
+        KeyboardInterrupt(),
+        MemoryError(),
+        opencv_error(cv2.Error.StsNoMem),
+        OSError(errno.ENOSPC, "full"),
+        disk_full("matches-of.json"),
+    ],
 )
-@pytest.mark.parametrize("name", ["sfm", "a b", "ö" * 125, "😀" * 60], ids=["short", "space", "long", "longest letters"])
+@pytest.mark.parametrize(
+    "name", ["sfm", "a b", "ö" * 125, "😀" * 60], ids=["short", "space", "long", "longest letters"]
+)
 def test_the_database_outlives_a_stop_whatever_the_scene_is_called(tmp_path, problem, name):
     def begin(work):
         keep_if_of({"a": 1}, work, QUIET)
@@ -187,7 +208,10 @@ def test_a_damaged_database_is_not_used(tmp_path, content):
 
 
 def test_two_at_once_do_not_share(tmp_path, monkeypatch):
-    with work_kept_if_stopped(tmp_path / "scene", QUIET) as first, work_kept_if_stopped(tmp_path / "scene", QUIET) as second:
+    with (
+        work_kept_if_stopped(tmp_path / "scene", QUIET) as first,
+        work_kept_if_stopped(tmp_path / "scene", QUIET) as second,
+    ):
         assert first != second
     monkeypatch.setattr(lock, "fcntl", None)
     with work_kept_if_stopped(tmp_path / "scene", QUIET):

@@ -1,4 +1,5 @@
-"""Landmarks, by which photos from outside are located: which features show which SfM points, and the file that keeps them."""
+"""Landmarks, by which photos from outside are located:
+which features show which SfM points, and the file that keeps them."""
 
 from dataclasses import replace
 
@@ -48,7 +49,8 @@ def test_a_missing_or_damaged_file_is_not_read(known, tmp_path):
     assert Landmarks.load(path, "abc") is None
     known.save(path, "abc")
     whole = path.read_bytes()
-    flags = whole.index(b"PK\x01\x02") + 8  # of the first entry in the zip's table; 1 is encrypted, 0x20 patched data, which Python refuses
+    # Of the first entry in the zip's table; 1 is encrypted, 0x20 patched data, which Python refuses.
+    flags = whole.index(b"PK\x01\x02") + 8
     encrypted, patched = (whole[:flags] + bytes([whole[flags] | flag]) + whole[flags + 1 :] for flag in (1, 0x20))
     for damaged in (b"", whole[:1000], whole[:-100], b"no zip at all" * 20, encrypted, patched):
         path.write_bytes(damaged)

@@ -1,4 +1,5 @@
-"""Where photos from outside were taken: a view of the room corner that is not among its photos, and pictures of other places."""
+"""Where photos from outside were taken: a view of the room corner that is not among its photos,
+and pictures of other places."""
 
 import shutil
 from types import SimpleNamespace
@@ -55,7 +56,11 @@ def test_the_camera_does_not_depend_on_the_number_of_threads(known, between):
 
 def test_a_turned_and_enlarged_photo_is_located_as_it_is_displayed(corner, known, between, tmp_path):
     path, rotation, centre = between
-    pixels = cv2.resize(cv2.rotate(cv2.imread(str(path)), cv2.ROTATE_90_CLOCKWISE), (2 * HEIGHT, 2 * WIDTH), interpolation=cv2.INTER_CUBIC)
+    pixels = cv2.resize(
+        cv2.rotate(cv2.imread(str(path)), cv2.ROTATE_90_CLOCKWISE),
+        (2 * HEIGHT, 2 * WIDTH),
+        interpolation=cv2.INTER_CUBIC,
+    )
     assert cv2.imwrite(str(tmp_path / "turned.jpg"), pixels)
     camera = locate(tmp_path / "turned.jpg", known, Report()).camera.in_world(corner.frame)
     assert (camera.width, camera.height) == (2 * HEIGHT, 2 * WIDTH)
@@ -79,7 +84,8 @@ def test_no_feature_lies_where_a_mask_hides_the_photo_or_the_mirrored_one(known,
 
     keypoints = []
     monkeypatch.setattr(locate_module, "_matched", found)
-    monkeypatch.setattr(locate_module, "_camera_of", lambda *_: Located(camera=None, agreeing=20, matched=40))  # the mirrored one is asked, too
+    # The mirrored one is asked, too.
+    monkeypatch.setattr(locate_module, "_camera_of", lambda *_: Located(camera=None, agreeing=20, matched=40))
     white = np.tile(np.arange(WIDTH) // 16 % 2 == 0, (HEIGHT, 1))
     assert cv2.imwrite(str(tmp_path / "stripes.png"), 255 * white.astype(np.uint8))
     assert locate(between[0], known, Report(), tmp_path / "stripes.png").agreeing == 20
@@ -152,10 +158,14 @@ def test_without_points_no_photo_is_located(between, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "free, kind, words", [(0, WegsError, "The disk is full: temporary files .* or set TMPDIR"), (1 << 30, RuntimeError, "factory")]
+    "free, kind, words",
+    [(0, WegsError, "The disk is full: temporary files .* or set TMPDIR"), (1 << 30, RuntimeError, "factory")],
 )
-def test_a_full_disk_of_temporary_files_is_named_and_a_defect_is_none(corner, known, between, monkeypatch, free, kind, words):
-    monkeypatch.setattr(pycolmap.Database, "open", failing(RuntimeError("No registered database factory succeeded.")))  # its words for a full disk
+def test_a_full_disk_of_temporary_files_is_named_and_a_defect_is_none(
+    corner, known, between, monkeypatch, free, kind, words
+):
+    # Its words for a full disk.
+    monkeypatch.setattr(pycolmap.Database, "open", failing(RuntimeError("No registered database factory succeeded.")))
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free))
     for work in (lambda: locate(between[0], known, Report()), lambda: landmarks_of(corner, Report())):
         with pytest.raises(kind, match=words):

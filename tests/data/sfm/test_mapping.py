@@ -26,14 +26,17 @@ APART = (
 
 
 def model(count: int, focal_px: float, points: int = 15):
-    """So many photos of a small scene, 160 px wide, a focal length that explains them, and so many of the scene's 20 points."""
+    """So many photos of a small scene, 160 px wide, a focal length that explains them,
+    and so many of the scene's 20 points."""
     made = pycolmap.Reconstruction()
     for index in range(count):
         scene = SmallScene(params=[focal_px, focal_px, 80, 60])
         camera = scene.lens()
         camera.camera_id = index + 1
         made.add_camera_with_trivial_rig(camera)
-        image = pycolmap.Image(name=f"{index}.jpg", keypoints=scene.seen(index), camera_id=index + 1, image_id=index + 1)
+        image = pycolmap.Image(
+            name=f"{index}.jpg", keypoints=scene.seen(index), camera_id=index + 1, image_id=index + 1
+        )
         made.add_image_with_trivial_frame(image, scene.pose(index))
     for row, point in enumerate(scene.points[:points]):
         track = pycolmap.Track()
@@ -45,7 +48,8 @@ def model(count: int, focal_px: float, points: int = 15):
 
 @pytest.fixture
 def mapped(monkeypatch):
-    """Called with the models that mapping finds, first those with focal lengths refined, then last: what is taken of 8 photos, and what is said."""
+    """Called with the models that mapping finds, first those with focal lengths refined, then last:
+    what is taken of 8 photos, and what is said."""
 
     def choose(first, second):
         asked = []
@@ -68,7 +72,10 @@ def test_most_photos_lost_are_mapped_again_with_focal_lengths_refined_last(mappe
     assert taken is again
     (line,) = lines
     plausible = 3 if count == 3 else 0
-    assert line.startswith("Mapped again with focal lengths refined last: 5 of 8 photos got a place") and f"not {plausible} as with" in line
+    assert (
+        line.startswith("Mapped again with focal lengths refined last: 5 of 8 photos got a place")
+        and f"not {plausible} as with" in line
+    )
 
 
 def test_focal_lengths_are_refined_in_the_end(mapped):
@@ -79,7 +86,9 @@ def test_focal_lengths_are_refined_in_the_end(mapped):
     assert taken.compute_mean_reprojection_error() < 0.1 and taken.cameras[1].focal_length_x != 140.0
 
 
-@pytest.mark.parametrize("second", [[], [model(3, 150.0, points=20)], [model(6, 150.0, points=15)], [model(6, 9e3, points=20)]])
+@pytest.mark.parametrize(
+    "second", [[], [model(3, 150.0, points=20)], [model(6, 150.0, points=15)], [model(6, 9e3, points=20)]]
+)
 def test_what_is_not_better_is_not_taken(mapped, second):
     first = model(3, 150.0)
     taken, lines, asked = mapped([first], second)
@@ -114,14 +123,20 @@ def test_the_model_that_is_largest_without_them_is_kept(mapped, folded, apart):
     chosen, lines, _ = mapped([largest, other], [])
     assert chosen is other
     assert lines == (
-        [f"! The photos fall apart into {apart}; the largest is kept. Add photos that connect them, or give each place a folder."] if apart else []
+        [
+            f"! The photos fall apart into {apart}; the largest is kept. Add photos that connect them, or give each place a folder."
+        ]
+        if apart
+        else []
     )
 
 
 def test_two_photos_of_many_are_no_scene(mapped):
     found = model(4, 100)
     fold(found, 2, 3)
-    with pytest.raises(BadInput, match="Cameras could be found for only 2 of 8 photos: the 8 photos do not overlap enough. Add photos"):
+    with pytest.raises(
+        BadInput, match="Cameras could be found for only 2 of 8 photos: the 8 photos do not overlap enough. Add photos"
+    ):
         mapped([found], [])
 
 

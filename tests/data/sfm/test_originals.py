@@ -1,4 +1,5 @@
-"""The name that a scene gives to the photo of a file: it is found again after the file was moved, unless it changed or could be another."""
+"""The name that a scene gives to the photo of a file:
+it is found again after the file was moved, unless it changed or could be another."""
 
 import os
 

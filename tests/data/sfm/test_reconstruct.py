@@ -39,11 +39,15 @@ def noise_photo(path, seed, cells=(60, 80)):
 
 
 def test_cameras_are_found_again(tmp_path):
-    """With a turned photo, a PNG, a JPEG that is called a WebP, a name with a space, one that is transparent on the left; a truncated photo and a
-    stranger are left out."""
+    """With a turned photo, a PNG, a JPEG that is called a WebP, a name with a space, one that is transparent on the
+    left; a truncated photo and a stranger are left out."""
     photos = tmp_path / "photos"
     photos.mkdir()
-    pictures, names, centres = textures(), ["000002.jpg", "000003.jpg", "000004.webp", "a b.jpg", "b.png", "c.jpg", "d.png"], []
+    pictures, names, centres = (
+        textures(),
+        ["000002.jpg", "000003.jpg", "000004.webp", "a b.jpg", "b.png", "c.jpg", "d.png"],
+        [],
+    )
     for name, (rotation, centre) in zip(names, cameras(len(names)), strict=True):
         kind = ".jpg" if name == "000004.webp" else Path(name).suffix
         (photos / name).write_bytes(cv2.imencode(kind, take_photo(rotation, centre, pictures))[1].tobytes())
@@ -71,7 +75,15 @@ def test_cameras_are_found_again(tmp_path):
     collection = load_collection(scene)
     assert [photo.name for photo in collection.split("test")] == ["b.png.jpg"]
     assert [name_in(scene, photos / name) for name in names] == [photo.name for photo in collection.photos]
-    assert [photo.name for photo in collection.photos] == ["000002.jpg", "000003.jpg", "000004.webp.jpg", "a b.jpg", "b.png.jpg", "c.jpg", "d.png"]
+    assert [photo.name for photo in collection.photos] == [
+        "000002.jpg",
+        "000003.jpg",
+        "000004.webp.jpg",
+        "a b.jpg",
+        "b.png.jpg",
+        "c.jpg",
+        "d.png",
+    ]
     lenses = originals.lenses_of(scene)
     assert lenses.keys() == {photo.name for photo in collection.photos}
     assert all((lens.model, lens.width, lens.height) == ("SIMPLE_RADIAL", WIDTH, HEIGHT) for lens in lenses.values())
@@ -79,7 +91,8 @@ def test_cameras_are_found_again(tmp_path):
     found = aligned(np.array([photo.camera.centre for photo in collection.photos]), np.array(centres))
     # 0.01 was seen; focal lengths and distortion are estimated as well, and threads make it vary. The arc is 1.8 long.
     assert np.abs(found - centres).max() < 0.05
-    # The photos were held level, and the scene stands upright: what is right in a photo is at right angles to down, which is +y.
+    # The photos were held level, and the scene stands upright: what is right in a photo is at right angles to down,
+    # which is +y.
     assert max(abs(photo.camera.world_to_camera[0, 1]) for photo in collection.photos) < 0.01
     given = [cv2.resize(cv2.imread(str(photos / name)), (32, 24), interpolation=cv2.INTER_AREA) for name in names[:5]]
     for index, photo in enumerate(collection.photos[:5]):  # each still its own picture
@@ -111,8 +124,12 @@ def test_the_same_photos_give_the_same_scene(tmp_path):
     pictures = textures()
     for number, (rotation, centre) in enumerate(cameras(5)):
         assert cv2.imwrite(str(tmp_path / "photos" / f"{number}.jpg"), take_photo(rotation, centre, pictures))
-    first, second = (reconstruct(tmp_path / "photos", tmp_path / name, Report()) / "sparse" / "0" for name in ("first", "second"))
-    assert {path.name: path.read_bytes() for path in first.iterdir()} == {path.name: path.read_bytes() for path in second.iterdir()}
+    first, second = (
+        reconstruct(tmp_path / "photos", tmp_path / name, Report()) / "sparse" / "0" for name in ("first", "second")
+    )
+    assert {path.name: path.read_bytes() for path in first.iterdir()} == {
+        path.name: path.read_bytes() for path in second.iterdir()
+    }
 
 
 def test_photos_that_do_not_overlap_are_refused(tmp_path):
@@ -151,7 +168,10 @@ def test_an_output_that_exists_is_left_alone(tmp_path):
 
 def test_a_scene_made_by_another_meanwhile_is_left_alone(tmp_path):
     theirs = tmp_path / "scene" / "theirs.txt"
-    with pytest.raises(BadInput, match="scene was made by another program meanwhile"), replacing_folder(theirs.parent) as work:
+    with (
+        pytest.raises(BadInput, match="scene was made by another program meanwhile"),
+        replacing_folder(theirs.parent) as work,
+    ):
         (work / "scene").mkdir()
         theirs.parent.mkdir()
         theirs.write_text("precious")
@@ -173,7 +193,10 @@ def test_a_list_that_cannot_be_read_is_noticed_before_the_work(tmp_path):
     noise_photo(photos / "0.jpg", 0)
     (photos / "test.txt").write_text("0.jpg\n")
     with pytest.MonkeyPatch.context() as patch, pytest.raises(PermissionError):
-        patch.setattr("core.data.split.digest", failing(PermissionError(errno.EACCES, "Permission denied", str(photos / "test.txt"))))
+        patch.setattr(
+            "core.data.split.digest",
+            failing(PermissionError(errno.EACCES, "Permission denied", str(photos / "test.txt"))),
+        )
         reconstruct(photos, tmp_path / "scene", Report(), lists=[photos])
     assert list(tmp_path.iterdir()) == [photos]
 
@@ -271,10 +294,14 @@ def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
     noise_photo(tmp_path / "c.jpg", 2, cells=(12, 16))
     whole = cv2.imread(str(tmp_path / "b.jpg"))
     half = cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    assert cv2.imwrite(str(tmp_path / "a.png"), half) and cv2.imwrite(str(tmp_path / "b.jpg"), whole, [cv2.IMWRITE_JPEG_QUALITY, 60])
+    assert cv2.imwrite(str(tmp_path / "a.png"), half) and cv2.imwrite(
+        str(tmp_path / "b.jpg"), whole, [cv2.IMWRITE_JPEG_QUALITY, 60]
+    )
     assert (tmp_path / "a.png").stat().st_size > (tmp_path / "b.jpg").stat().st_size
     wide = cv2.resize(whole, (65_600, 40))
-    assert cv2.imwrite(str(tmp_path / "pano.png"), wide) and cv2.imwrite(str(tmp_path / "pano-small.jpg"), cv2.resize(wide, None, fx=0.5, fy=0.5))
+    assert cv2.imwrite(str(tmp_path / "pano.png"), wide) and cv2.imwrite(
+        str(tmp_path / "pano-small.jpg"), cv2.resize(wide, None, fx=0.5, fy=0.5)
+    )
     (tmp_path / "work").mkdir()
     heard = Heard()
     copies, _ = _copy_upright(list_photos(tmp_path), tmp_path / "work", heard)

@@ -1,4 +1,5 @@
-"""Points from known cameras: on the walls that were photographed, seen by the photos that show them, and kept for the next run."""
+"""Points from known cameras: on the walls that were photographed, seen by the photos that show them,
+and kept for the next run."""
 
 import json
 import re
@@ -72,7 +73,10 @@ def test_points_lie_on_the_walls_and_photos_see_them(corner, kept):
 def two_photos(scene):
     """Photos 1 and 2, each with its camera in the world."""
     collection = load_collection(scene)
-    return [(photo, photo.camera.in_world(collection.frame)) for photo in (collection.photo("1.png"), collection.photo("2.png"))]
+    return [
+        (photo, photo.camera.in_world(collection.frame))
+        for photo in (collection.photo("1.png"), collection.photo("2.png"))
+    ]
 
 
 def test_matches_farther_than_two_pixels_off_their_lines_are_left_out(corner, tmp_path):
@@ -82,7 +86,9 @@ def test_matches_farther_than_two_pixels_off_their_lines_are_left_out(corner, tm
         numbers = [database.read_image_with_name(f"{number:06d}.jpg").image_id for number in (1, 2)]
         pixels = [database.read_keypoints(number)[:, :2].astype(np.float64) for number in numbers]
         found, kept = database.read_matches(*numbers), database.read_two_view_geometry(*numbers).inlier_matches
-    off_px = off_line_px(*(camera for _, camera in photos), *(places[rows] for places, rows in zip(pixels, found.T, strict=True)))
+    off_px = off_line_px(
+        *(camera for _, camera in photos), *(places[rows] for places, rows in zip(pixels, found.T, strict=True))
+    )
     assert (off_px > 2).any() and np.array_equal(kept, found[off_px <= 2])
 
 
@@ -90,7 +96,8 @@ def test_cameras_that_few_matches_agree_with_are_reported(corner, kept, tmp_path
     assert not any("matches between photos" in line for line in kept[1].lines)
 
     def turn(facts):
-        for number, frame in enumerate(facts["frames"]):  # each 40 degrees further about the direction in which it looks
+        # Each 40 degrees further about the direction in which it looks.
+        for number, frame in enumerate(facts["frames"]):
             cosine, sine = np.cos(np.radians(40 * number)), np.sin(np.radians(40 * number))
             about = np.array([[cosine, -sine, 0, 0], [sine, cosine, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
             frame["transform_matrix"] = (frame["transform_matrix"] @ about).tolist()
@@ -99,7 +106,10 @@ def test_cameras_that_few_matches_agree_with_are_reported(corner, kept, tmp_path
     for _ in range(2):  # the second time, of points that are used again
         heard = Heard()
         prepared(scene, tmp_path / "scene", heard)
-        assert any(re.match("! Only .*% of the matches between photos agree with the cameras.*Check that its poses", line) for line in heard.lines)
+        assert any(
+            re.match("! Only .*% of the matches between photos agree with the cameras.*Check that its poses", line)
+            for line in heard.lines
+        )
     assert any("Points as triangulated before" in line for line in heard.lines)
 
 
@@ -189,9 +199,14 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
     ):
         load_collection(points)
     trained = SimpleNamespace(collection=run_config.read_config(run_folder)[2], folder=run_folder)
-    with pytest.raises(BadInput, match="cannot be read: the scene .*project.photos is gone. .*triangulated.json, as its scene"):
+    with pytest.raises(
+        BadInput, match="cannot be read: the scene .*project.photos is gone. .*triangulated.json, as its scene"
+    ):
         TrainedRun.sized_photo(trained, trained.collection.photos[0])
-    write_json(points / "triangulated.json", json.loads((points / "triangulated.json").read_text()) | {"scene": str(tmp_path / "other")})
+    write_json(
+        points / "triangulated.json",
+        json.loads((points / "triangulated.json").read_text()) | {"scene": str(tmp_path / "other")},
+    )
     assert load_collection(points).changed_since(collection) == []
 
 
@@ -217,7 +232,9 @@ def no_points(corner, tmp_path, change, words):
     assert not (tmp_path / "scene").exists()
 
 
-@pytest.mark.parametrize("split", ["", "filename\tid\tsplit\n1.png\t1\ttest\n" + "".join(f"{n}.png\t{n}\ttrain\n" for n in range(2, 6))])
+@pytest.mark.parametrize(
+    "split", ["", "filename\tid\tsplit\n1.png\t1\ttest\n" + "".join(f"{n}.png\t{n}\ttrain\n" for n in range(2, 6))]
+)
 def test_a_colmap_model_without_points_gets_them(corner, kept, tmp_path, split):
     scene, heard = tmp_path / "scene", Heard()
     shutil.copytree(corner, scene / "images")
@@ -231,14 +248,18 @@ def test_a_colmap_model_without_points_gets_them(corner, kept, tmp_path, split):
     assert len(off) > 500 and np.median(off) < 0.02
     assert [photo.name for photo in collection.split("test")] == ["1.png"]
     assert prepared(scene, tmp_path / "scene-scene", heard).read_from == collection.read_from
-    found = {finding.name: finding for finding in examine(scene, heard)} | {finding.name: finding for finding in examine(collection.read_from, heard)}
+    found = {finding.name: finding for finding in examine(scene, heard)} | {
+        finding.name: finding for finding in examine(collection.read_from, heard)
+    }
     assert found["points"].figure.startswith(f"{len(off):,},") and "photos with few points" not in found
 
 
 def test_kept_points_that_were_deleted_are_reported(kept, tmp_path):
     folder = copy_of(kept, tmp_path)
     (folder / "points" / "points3D.bin").unlink()
-    with pytest.raises(BadInput, match="points holds no points any more. Remove .*corner-scene to have them found again"):
+    with pytest.raises(
+        BadInput, match="points holds no points any more. Remove .*corner-scene to have them found again"
+    ):
         load_collection(folder)
 
 
@@ -260,7 +281,9 @@ def test_plain_photos_beside_a_description_are_pointed_to_it(corner, tmp_path, m
     shutil.copy(corner / "transforms.json", tmp_path)
     heard = Heard()
     scene_of_photos(tmp_path / "images", tmp_path / "found", heard)
-    assert heard.lines == [f"! {tmp_path} is a nerfstudio scene: give that folder to use its cameras. Now they are found anew."]
+    assert heard.lines == [
+        f"! {tmp_path} is a nerfstudio scene: give that folder to use its cameras. Now they are found anew."
+    ]
 
 
 # --- the parts
@@ -282,7 +305,8 @@ def test_partners_are_all_of_few_and_linear_in_many():
 
 
 def test_the_distance_from_the_epipolar_line_is_that_in_pixels():
-    """A sideways camera sees epipolar lines as rows: a match d rows off misses by d / sqrt(2), shared by both pictures."""
+    """A sideways camera sees epipolar lines as rows:
+    a match d rows off misses by d / sqrt(2), shared by both pictures."""
     first, second = looking((0, 0, 0), 0), looking((1, 0, 0), 0)
     points = np.array([[0.5, 0.2, 5], [-1, -1, 8.0]])
     a, b = (camera.project(points)[0] for camera in (first, second))

@@ -16,7 +16,9 @@ def held(yaw, tilt, roll):
     ahead, _ = np.linalg.qr(np.stack([DOWN, [1.0, 0, 0], [0, 1.0, 0]], axis=1))
     level = np.array([np.cross(DOWN, ahead[:, 1]), DOWN, ahead[:, 1]])
     for turn in zip(np.radians(roll), -np.radians(tilt), np.radians(yaw), strict=True):
-        yield np.linalg.multi_dot([cv2.Rodrigues(angle * np.eye(3)[axis])[0] for angle, axis in zip(turn, (2, 0, 1), strict=True)] + [level])
+        yield np.linalg.multi_dot(
+            [cv2.Rodrigues(angle * np.eye(3)[axis])[0] for angle, axis in zip(turn, (2, 0, 1), strict=True)] + [level]
+        )
 
 
 def degrees_off(axes):

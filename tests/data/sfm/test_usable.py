@@ -38,13 +38,19 @@ def found_in(folder):
 )
 def test_the_fullest_file_of_a_picture_is_used(tmp_path, fuller, other, less):
     for name, quality, size, exif in (fuller, other):
-        assert cv2.imwrite(str(tmp_path / name), cv2.resize(picture(0), size, interpolation=cv2.INTER_AREA), [cv2.IMWRITE_JPEG_QUALITY, quality])
+        assert cv2.imwrite(
+            str(tmp_path / name),
+            cv2.resize(picture(0), size, interpolation=cv2.INTER_AREA),
+            [cv2.IMWRITE_JPEG_QUALITY, quality],
+        )
         if exif:
             add_exif(tmp_path / name, exif)
     assert found_in(tmp_path) == ({fuller[0]}, [f"{other[0]} is the picture {fuller[0]} once more, {less}."])
 
 
-@pytest.mark.parametrize(("names", "used", "less"), [(("a1.png", "b.png"), "b.png", "a longer"), (("a.png", "b.png"), "a.png", "a later")])
+@pytest.mark.parametrize(
+    ("names", "used", "less"), [(("a1.png", "b.png"), "b.png", "a longer"), (("a.png", "b.png"), "a.png", "a later")]
+)
 def test_the_name_decides_between_equally_full_files(tmp_path, names, used, less):
     """Programs that copy do not shorten names. The bytes past the end of the picture differ."""
     data = cv2.imencode(".png", picture(0))[1].tobytes()
@@ -63,7 +69,10 @@ def test_the_one_with_the_shortest_name_of_equal_files_is_used_even_if_it_shows_
 @pytest.mark.parametrize(("side", "used"), [(30, {"a.png"}), (29, set())])
 def test_photos_too_small_to_find_features_in_are_not_used(tmp_path, side, used):
     assert cv2.imwrite(str(tmp_path / "a.png"), picture(0, size=(40, side)))
-    assert found_in(tmp_path) == (used, [f"{tmp_path / 'a.png'} is 40 x {side} px, too small to find features in."] * (not used))
+    assert found_in(tmp_path) == (
+        used,
+        [f"{tmp_path / 'a.png'} is 40 x {side} px, too small to find features in."] * (not used),
+    )
 
 
 def features_of(photos, pixels, work):
@@ -71,7 +80,9 @@ def features_of(photos, pixels, work):
     for photo in photos:
         full = cv2.imread(str(photo))
         share = np.sqrt(pixels / (full.shape[0] * full.shape[1]))
-        assert cv2.imwrite(str(work / PHOTOS / photo.name), cv2.resize(full, None, fx=share, fy=share, interpolation=cv2.INTER_AREA))
+        assert cv2.imwrite(
+            str(work / PHOTOS / photo.name), cv2.resize(full, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+        )
     names = [photo.name for photo in photos]
     with quiet():
         extract(work, names, QUIET)
@@ -81,4 +92,8 @@ def features_of(photos, pixels, work):
 
 def test_a_photo_too_small_has_fewer_features_than_colmap_places_it_by(tmp_path):
     photos, needed = list_photos(PLAZA)[:12], pycolmap.IncrementalMapperOptions().abs_pose_min_num_inliers
-    assert max(features_of(photos, LEAST_PIXELS, tmp_path / "small")) < needed <= min(features_of(photos, 4 * LEAST_PIXELS, tmp_path / "larger"))
+    assert (
+        max(features_of(photos, LEAST_PIXELS, tmp_path / "small"))
+        < needed
+        <= min(features_of(photos, 4 * LEAST_PIXELS, tmp_path / "larger"))
+    )

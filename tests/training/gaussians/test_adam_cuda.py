@@ -18,7 +18,8 @@ RATES = {"means": torch.rand(3), "logit_opacities": torch.rand(1), "sh": torch.r
 
 
 def aged_gaussians(oldest: int) -> Gaussians:
-    """300, of which the last 50 are sky, of any age up to those whose corrections are 1; the sky's geometry has never moved."""
+    """300, of which the last 50 are sky, of any age up to those whose corrections are 1;
+    the sky's geometry has never moved."""
     torch.manual_seed(0)
     shapes = {"means": (3,), "logit_opacities": (), "sh": (4, 3), "latents": (2,)}
     gaussians = Gaussians.of({name: torch.randn(300, *shape) for name, shape in shapes.items()}, sky=50)
@@ -31,7 +32,9 @@ def aged_gaussians(oldest: int) -> Gaussians:
     return gaussians
 
 
-def stepped(gaussians: Gaussians, step, taken: bool = True, rates: dict = RATES, rows: torch.Tensor = ROWS) -> dict[str, torch.Tensor]:
+def stepped(
+    gaussians: Gaussians, step, taken: bool = True, rates: dict = RATES, rows: torch.Tensor = ROWS
+) -> dict[str, torch.Tensor]:
     """All tensors after a step with the same gradients each time, of which some are beyond all bounds."""
     torch.manual_seed(1)
     rows = rows.to(gaussians.counts.device)
@@ -64,11 +67,21 @@ def test_rows_of_minus_one_are_skipped():
     found = aged_gaussians(oldest=100_000).to(torch.device(DEVICE))
     torch.manual_seed(1)
     leaves = {name: leaf.detach() for name, leaf in found.leaves(ROWS.to(DEVICE)).items()}
-    leaves = {name: torch.cat([leaf, leaf.new_zeros(70, *leaf.shape[1:])]).requires_grad_() for name, leaf in leaves.items()}
+    leaves = {
+        name: torch.cat([leaf, leaf.new_zeros(70, *leaf.shape[1:])]).requires_grad_() for name, leaf in leaves.items()
+    }
     for leaf in leaves.values():
-        leaf.grad = torch.cat([torch.randn(len(ROWS), *leaf.shape[1:]), torch.ones(70, *leaf.shape[1:])]).to(leaf.device)
+        leaf.grad = torch.cat([torch.randn(len(ROWS), *leaf.shape[1:]), torch.ones(70, *leaf.shape[1:])]).to(
+            leaf.device
+        )
         leaf.grad[:1], leaf.grad[1:2] = 3e38, -2 * LARGEST_GRADIENT
-    adam_cuda.step(found, rows.to(DEVICE), leaves, {name: rate.to(DEVICE) for name, rate in RATES.items()}, torch.tensor(True, device=DEVICE))
+    adam_cuda.step(
+        found,
+        rows.to(DEVICE),
+        leaves,
+        {name: rate.to(DEVICE) for name, rate in RATES.items()},
+        torch.tensor(True, device=DEVICE),
+    )
     for name, tensor in found.tensors().items():
         assert torch.equal(tensor.cpu(), expected[name]), name
 
@@ -84,7 +97,9 @@ def test_what_does_not_learn_yet_stays_as_it_is():
     found = stepped(aged_gaussians(oldest=99).to(torch.device(DEVICE)), adam_cuda.step, rates=rates)
     for name, tensor in aged_gaussians(oldest=99).tensors().items():
         torch.testing.assert_close(found[name], expected[name], rtol=1e-6, atol=5e-7)
-        assert torch.equal(found[name], tensor) == name.endswith(("means", "logit_opacities", "gradient_sum", "seen")), name
+        assert torch.equal(found[name], tensor) == name.endswith(
+            ("means", "logit_opacities", "gradient_sum", "seen")
+        ), name
 
 
 def test_a_view_of_nothing_changes_nothing():

@@ -32,7 +32,11 @@ def test_copies_are_leaves_of_their_own():
         assert copy.is_leaf and not copy.requires_grad
 
 
-@pytest.mark.parametrize("tensor", [torch.arange(10.0).view(2, 5).T, torch.arange(10, dtype=torch.int32), torch.arange(10).double()])
+@pytest.mark.parametrize(
+    "tensor", [torch.arange(10.0).view(2, 5).T, torch.arange(10, dtype=torch.int32), torch.arange(10).double()]
+)
 def test_tensors_that_the_kernel_cannot_copy_are_copied_by_torch(tensor):
-    copies = chosen_rows({"other": tensor.to(DEVICE), "usual": torch.arange(10.0, device=DEVICE)}, torch.tensor([1, 4], device=DEVICE))
+    copies = chosen_rows(
+        {"other": tensor.to(DEVICE), "usual": torch.arange(10.0, device=DEVICE)}, torch.tensor([1, 4], device=DEVICE)
+    )
     assert torch.equal(copies["other"].cpu(), tensor[[1, 4]]) and copies["usual"].tolist() == [1, 4]

@@ -60,7 +60,9 @@ def test_pruning_by_contribution_keeps_the_strong_and_at_least_a_quarter(gaussia
 def test_screen_gradients_are_gathered_in_half_pictures_unless_the_step_is_dropped(gaussians, gather):
     rows, pulls = torch.tensor([1, 4, 5]), torch.tensor([[3.0, 0.0], [0.0, -2.0], [0.6, 0.4]])
     for taken in (True, True, False):
-        gather(gaussians, rows, pulls if taken else pulls * float("nan"), torch.tensor([10.0, 15.0]), torch.tensor(taken))
+        gather(
+            gaussians, rows, pulls if taken else pulls * float("nan"), torch.tensor([10.0, 15.0]), torch.tensor(taken)
+        )
     assert gaussians.seen[:6].tolist() == [0, 2, 0, 0, 2, 2]
     expected = torch.tensor([0, 60, 0, 0, 60, 2 * 72**0.5])  # hypot(0.6 * 10, 0.4 * 15) = sqrt(72)
     torch.testing.assert_close(gaussians.gradient_sum[:6], expected)
@@ -132,7 +134,9 @@ def test_growth_that_runs_out_of_memory_changes_nothing(gaussians, monkeypatch, 
     gaussians.gradient_sum[:] = 1.0
     gaussians.seen.fill_(1)
     gaussians.parameters["log_scales"][:5] = -1.5  # these would split
-    before = {name: tensor.clone() for name, tensor in gaussians.tensors().items() if name not in ("gradient_sum", "seen")}
+    before = {
+        name: tensor.clone() for name, tensor in gaussians.tensors().items() if name not in ("gradient_sum", "seen")
+    }
     calls = iter([torch.cat] * joined)
     full = failing(torch.OutOfMemoryError("CUDA out of memory"))
     monkeypatch.setattr(torch, "cat", lambda tensors: next(calls, full)(tensors))

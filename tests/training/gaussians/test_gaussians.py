@@ -59,7 +59,9 @@ def test_centres_slow_down_to_a_hundredth_networks_and_latents_to_a_tenth(traine
         used.append(learning_rates(trainer.settings, progress))
         for name, rates in used[-1].items():
             torch.testing.assert_close(rates, used[0][name] * slowed.get(name, 1.0) ** progress)
-        network_updates.update(trainer.optimizer, network_updates.rates_at(trainer.optimizer, progress), torch.tensor(True))
+        network_updates.update(
+            trainer.optimizer, network_updates.rates_at(trainer.optimizer, progress), torch.tensor(True)
+        )
         for group in trainer.optimizer.param_groups:
             assert group["lr"] == pytest.approx(group["rate"] * 0.1**progress)
     assert used[0]["means"].tolist() == pytest.approx([0.1] * 3)

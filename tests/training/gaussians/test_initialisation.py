@@ -18,12 +18,17 @@ from tests.small import small_collection, small_settings, whole_settings
 def starting_at(folder, points: list[list[float]], **changes):
     """The Gaussians that a run begins with, of a scene with these points."""
     given = small_collection(folder)
-    collection = replace(given, points=np.array(points, dtype=np.float64), point_colours=given.point_colours[: len(points)])
-    return collection, initial_gaussians(collection, small_settings(sky="none", **changes), torch.Generator().manual_seed(0))
+    collection = replace(
+        given, points=np.array(points, dtype=np.float64), point_colours=given.point_colours[: len(points)]
+    )
+    return collection, initial_gaussians(
+        collection, small_settings(sky="none", **changes), torch.Generator().manual_seed(0)
+    )
 
 
 def test_gaussians_start_as_faint_spheres_in_the_colours_of_their_points(tmp_path):
-    """As wide as the distance of their three nearest neighbours (3DGS), but not so wide that they are haze over everything."""
+    """As wide as the distance of their three nearest neighbours (3DGS),
+    but not so wide that they are haze over everything."""
     points = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3], [9.0, 0.0, 0.0]]
     collection, gaussians = starting_at(tmp_path, points, largest_scale=2.0)
     splats = gaussians.splats
@@ -57,7 +62,11 @@ def test_the_dome_stands_four_times_as_far_off_as_cameras_that_are_not_astray(tm
         torch.testing.assert_close(dome.means.norm(dim=1), torch.full((len(dome),), radius))
 
 
-@pytest.mark.parametrize("changes", [{}, {"sky_radius": FIELDS["sky_radius"].metadata["high"], "sky_gaussians": 12}], ids=["usual", "extreme"])
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"sky_radius": FIELDS["sky_radius"].metadata["high"], "sky_gaussians": 12}],
+    ids=["usual", "extreme"],
+)
 def test_hardly_anything_shines_through_the_dome(tmp_path, changes):
     """Seen from the middle, in six directions. (Single pixels may let through a hundredth: blending stops there.)"""
     collection = replace(small_collection(tmp_path), point_colours=np.zeros((200, 3), np.float32))

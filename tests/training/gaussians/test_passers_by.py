@@ -10,7 +10,8 @@ from core.scene.splats import Splats
 from core.training.gaussians.passers_by import FEW, passers_by
 from tests.training.gaussians.test_veils import REFERENCE, looking_ahead, opaque
 
-PLACES = np.array([[-0.5, -0.5, 2.0], [0.5, -0.5, 2.0], [-0.5, 0.5, 2.0], [0.5, 0.5, 2.0]])  # one in each quarter of the picture
+# One in each quarter of the picture.
+PLACES = np.array([[-0.5, -0.5, 2.0], [0.5, -0.5, 2.0], [-0.5, 0.5, 2.0], [0.5, 0.5, 2.0]])
 CAMERA = looking_ahead(0.0).resized(64, 64)
 
 

@@ -15,18 +15,30 @@ REFERENCE = rasterizer.create("reference")
 
 
 def looking_ahead(x: float, turned: bool = False) -> Camera:
-    return Camera(np.diag([-1.0, 1.0, -1.0]) if turned else np.eye(3), np.array([x, 0.0, 0.0]), 48.0, 48.0, 24.0, 24.0, 48, 48)
+    return Camera(
+        np.diag([-1.0, 1.0, -1.0]) if turned else np.eye(3), np.array([x, 0.0, 0.0]), 48.0, 48.0, 24.0, 24.0, 48, 48
+    )
 
 
 def opaque(means: np.ndarray, size: float) -> Splats:
     count = len(means)
     straight = torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1)
-    return Splats(torch.tensor(means).float(), straight, torch.full((count, 3), size).log(), torch.full((count,), 3.0), torch.zeros(count, 1, 3))
+    return Splats(
+        torch.tensor(means).float(),
+        straight,
+        torch.full((count, 3), size).log(),
+        torch.full((count,), 3.0),
+        torch.zeros(count, 1, 3),
+    )
 
 
 def test_what_floats_between_two_cameras_is_a_veil_and_what_they_photograph_is_none():
     photos = [looking_ahead(x) for x in (-1.0, 1.0)]
-    wall, floater, in_a_photo = opaque(WALL, 0.3), opaque(np.array([[0.2, 0.0, 0.4]]), 0.1), opaque(np.array([[-1.0, 0.0, 0.4]]), 0.1)
+    wall, floater, in_a_photo = (
+        opaque(WALL, 0.3),
+        opaque(np.array([[0.2, 0.0, 0.4]]), 0.1),
+        opaque(np.array([[-1.0, 0.0, 0.4]]), 0.1),
+    )
     found = veils(Splats.concatenate([wall, floater, in_a_photo]), photos, WALL, REFERENCE)
     assert found.tolist() == [False] * len(WALL) + [True, False]
 
@@ -46,7 +58,9 @@ def test_new_cameras_are_no_farther_off_than_others_nor_half_the_way_to_what_the
         beside = cameras_beside(photos, WALL + [apart / 2, 0, 0])
         nearest = [min(np.linalg.norm(camera.centre - photo.centre) for photo in photos) for camera in beside]
         assert len(beside) == 4 * VIEWS_PER_PHOTO and 0.6 * most < max(nearest) <= most
-        assert [camera.numbers() for camera in beside] == [camera.numbers() for camera in cameras_beside(photos, WALL + [apart / 2, 0, 0])]
+        assert [camera.numbers() for camera in beside] == [
+            camera.numbers() for camera in cameras_beside(photos, WALL + [apart / 2, 0, 0])
+        ]
 
 
 def test_no_new_cameras_beside_a_lone_photo_or_one_without_points():

@@ -34,7 +34,12 @@ def test_loss_and_gradient_are_those_of_the_photo_alone(beyond, loss, partly):
     found = []
     for target, height, width in ((alone, HEIGHT, WIDTH), (on_canvas, *image.shape[:2])):
         leaf = image[:height, :width].clone().requires_grad_()
-        value = loss(leaf, target.brightened(torch.tensor([1.1, 0.9, 1.3], device=DEVICE)), weight[:height, :width].contiguous(), 0.2)
+        value = loss(
+            leaf,
+            target.brightened(torch.tensor([1.1, 0.9, 1.3], device=DEVICE)),
+            weight[:height, :width].contiguous(),
+            0.2,
+        )
         value.backward()
         found.append((value.detach(), leaf.grad[:HEIGHT, :WIDTH]))
         assert not leaf.grad[HEIGHT:].any() and not leaf.grad[:, WIDTH:].any()

@@ -9,7 +9,9 @@ def test_the_gauge_is_the_mean_over_gaussians_of_the_squared_residual(trainer_of
     trainer, asked = trainer_of(latent_size=3), []
     gaussians, neutral = trainer.gaussians, torch.rand(trainer.settings.embedding_size)
     gaussians.latents.normal_()
-    monkeypatch.setattr(trainer.model.sh_transfer, "forward", lambda *call: asked.append(call) or torch.full_like(call[0].sh, 3.0))
+    monkeypatch.setattr(
+        trainer.model.sh_transfer, "forward", lambda *call: asked.append(call) or torch.full_like(call[0].sh, 3.0)
+    )
     rows = draw_rows(gaussians, trainer.generator)
     assert float(gauge(trainer.model.sh_transfer, gaussians, rows, neutral)) == 4 * 3 * 3.0**2
     ((base, embedding),) = asked

@@ -1,4 +1,5 @@
-"""What the mask is taught to hide: colours that the place has in no light, but not tone, shade or detail that is not learned yet."""
+"""What the mask is taught to hide: colours that the place has in no light, but not tone,
+shade or detail that is not learned yet."""
 
 import pytest
 import torch
@@ -32,7 +33,8 @@ def loss_of(mask: torch.Tensor, image: torch.Tensor, photo: torch.Tensor, regula
 
 
 def best_mask(image: torch.Tensor, photo: torch.Tensor, regularisation: float = SETTLED) -> torch.Tensor:
-    """(h, w): the mask that the loss asks for; image as (3, H, W). The loss is a parabola in each cell, with its least value a Newton step away."""
+    """(h, w): the mask that the loss asks for; image as (3, H, W).
+    The loss is a parabola in each cell, with its least value a Newton step away."""
 
     def step_of(mask: torch.Tensor) -> torch.Tensor:
         mask.requires_grad_()
@@ -94,7 +96,10 @@ def test_a_photo_that_is_not_learned_yet_is_judged_by_its_own_errors():
 def test_what_is_drawn_where_a_photo_is_not_valid_teaches_nothing():
     valid = torch.ones(HEIGHT, WIDTH, dtype=torch.bool)
     valid[:, : WIDTH // 4] = False
-    target, mask = Target(with_stranger(place()).permute(1, 2, 0), valid), torch.full((1, HEIGHT // CELL, WIDTH // CELL), 0.9)
+    target, mask = (
+        Target(with_stranger(place()).permute(1, 2, 0), valid),
+        torch.full((1, HEIGHT // CELL, WIDTH // CELL), 0.9),
+    )
     image = place().permute(1, 2, 0)
     other = torch.where(valid[..., None], image, 1 - image)
     assert mask_loss(mask, image, target, SETTLED) == mask_loss(mask, other, target, SETTLED)
@@ -102,7 +107,9 @@ def test_what_is_drawn_where_a_photo_is_not_valid_teaches_nothing():
 
 def test_the_gradient_is_right_and_the_image_gets_none():
     generator = torch.Generator().manual_seed(0)
-    mask, image, photo = (torch.rand(shape, generator=generator).double() for shape in ((1, 3, 4), (12, 16, 3), (3, 12, 16)))
+    mask, image, photo = (
+        torch.rand(shape, generator=generator).double() for shape in ((1, 3, 4), (12, 16, 3), (3, 12, 16))
+    )
     assert torch.autograd.gradcheck(lambda mask: loss_of(mask, image, photo, 0.1), mask.requires_grad_())
     loss_of(mask, image.requires_grad_(), photo, 0.1).backward()
     assert image.grad is None

@@ -19,12 +19,19 @@ def recorded(monkeypatch, owner, name: str) -> list[tuple]:
 def shown(trainer) -> tuple[torch.Tensor, Target, torch.Tensor]:
     """A grey picture, a photo, and its mask."""
     target = trainer.photos.target(0, 1)[1]
-    return torch.full((*target.planes.shape[1:], 3), 0.4), target, trainer.model.read(trainer.photos[0].encoder_input, 0).mask
+    return (
+        torch.full((*target.planes.shape[1:], 3), 0.4),
+        target,
+        trainer.model.read(trainer.photos[0].encoder_input, 0).mask,
+    )
 
 
 def test_masks_are_taught_from_mask_start_on(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6)
-    taught = [float(trainer.objective.mask(*shown(trainer), moment_at(trainer, progress)).detach()) for progress in (0.0, 0.19, 0.2, 0.9)]
+    taught = [
+        float(trainer.objective.mask(*shown(trainer), moment_at(trainer, progress)).detach())
+        for progress in (0.0, 0.19, 0.2, 0.9)
+    ]
     assert taught[:2] == [0, 0] and taught[2] == taught[3] > 0
 
 
@@ -61,7 +68,8 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
 
 @pytest.mark.parametrize("mean, share", [(1.0, 0.1), (0.2, 0.55)])
 def test_collapsed_masks_are_raised_in_the_pictures_loss(trainer_of, monkeypatch, mean, share):
-    """The mask is 0.1 everywhere: it weighs 0.1, or more if the masks of all photos hide too much, as half of what is hidden counts then."""
+    """The mask is 0.1 everywhere: it weighs 0.1, or more if the masks of all photos hide too much,
+    as half of what is hidden counts then."""
     trainer = trainer_of(mask_start=0.0, mask_apply=0.0, mask_regularisation=0.0, transient_regularisation=0.0)
     trainer.state.mask_mean = mean
     given = recorded(monkeypatch, trainer.objective, "picture")
@@ -69,7 +77,9 @@ def test_collapsed_masks_are_raised_in_the_pictures_loss(trainer_of, monkeypatch
     ((image, target, _, *rest),) = given
     assert float(rest[1]) == pytest.approx(mean)
     hidden, whole = torch.full((1, 9, 12), 0.1), torch.ones(1, 9, 12)
-    by_mask, unmasked = (float(trainer.objective.picture(image, target, mask, *rest).detach()) for mask in (hidden, whole))
+    by_mask, unmasked = (
+        float(trainer.objective.picture(image, target, mask, *rest).detach()) for mask in (hidden, whole)
+    )
     assert by_mask == pytest.approx(share * unmasked, rel=1e-3)
 
 
@@ -88,7 +98,13 @@ def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(t
     def mean_of_twenty_steps(progress):
         found = []
         for done in range(1, 21):
-            found.append(float(trainer.objective.transient(splats, view, visible.known, mask, moment_at(trainer, progress, done)).detach()))
+            found.append(
+                float(
+                    trainer.objective.transient(
+                        splats, view, visible.known, mask, moment_at(trainer, progress, done)
+                    ).detach()
+                )
+            )
         return sum(found) / 20
 
     assert [mean_of_twenty_steps(progress) for progress in (0.0, 0.3, 0.59)] == [0, 0, 0]

@@ -163,9 +163,12 @@ def test_the_papers_loss_multiplies_both_pictures_by_the_mask():
 
 @pytest.mark.parametrize("shape", [(3, 40, 61), (1, 4, 30), (3, 1, 1)], ids=str)
 def test_photos_and_renders_are_blurred_alike(shape):
-    planes = torch.rand(*shape[:2], shape[2] + 2, generator=torch.Generator().manual_seed(1))[:, :, 1:-1]  # rows that do not follow each other
+    # Rows that do not follow each other.
+    planes = torch.rand(*shape[:2], shape[2] + 2, generator=torch.Generator().manual_seed(1))[:, :, 1:-1]
     true = blur(planes.double())
-    assert (blur(planes) - true).abs().max() < 5e-7 and (blur(planes.clone().requires_grad_()) - true).abs().max() < 5e-7
+    assert (blur(planes) - true).abs().max() < 5e-7 and (
+        blur(planes.clone().requires_grad_()) - true
+    ).abs().max() < 5e-7
 
 
 @pytest.mark.parametrize("masked", [False, True], ids=["whole", "invalid-pixels"])
@@ -177,7 +180,8 @@ def test_a_photo_over_a_colour_is_the_photo_composed_with_it(masked):
     composed = Target(black * gain + empty[..., None] * torch.tensor(colour), valid)
     over = target.brightened(gain).over(colour)
     for name in ("planes", "padded", "mean", "mean_square"):
-        torch.testing.assert_close(getattr(over, name), getattr(composed, name), rtol=0, atol=1e-6)  # float32 of numbers up to 1.4
+        # float32 of numbers up to 1.4.
+        torch.testing.assert_close(getattr(over, name), getattr(composed, name), rtol=0, atol=1e-6)
     torch.testing.assert_close(target.planes, Target(black, valid).planes, rtol=0, atol=1e-6)
 
 

@@ -21,7 +21,9 @@ def test_the_kernels_equal_the_definition(size, masked):
         image[~valid] = torch.nan
     weight = weight if masked else None
     given = [None if part is None else part.to(DEVICE) for part in (image, photo, weight, valid)]
-    loss, gradient = (part.cpu().double() for part in run(photometric_cuda, given[0], Target(given[1], given[3]), given[2]))
+    loss, gradient = (
+        part.cpu().double() for part in run(photometric_cuda, given[0], Target(given[1], given[3]), given[2])
+    )
     double = None if weight is None else weight.double()
     true = run(plain_photometric, image.double(), Target(photo.double(), valid), double)
     torch.testing.assert_close(loss, true[0], rtol=0, atol=ERROR_TOLERANCE)

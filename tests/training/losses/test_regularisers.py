@@ -15,7 +15,8 @@ def test_the_residuals_norm_passes_gradcheck():
 def test_transient_rows_are_those_in_front_inside_the_mask():
     camera = ring_camera(0.0)
     view = view_of(camera)
-    means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.8, 0.0, -9.0], [50.0, 0.0, 0.0]])  # the fourth is behind it
+    # The fourth is behind it.
+    means = torch.tensor([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], [0.8, 0.0, -9.0], [50.0, 0.0, 0.0]])
     mask = torch.full((1, 9, 12), 0.51)
     mask[:, :, :6] = 0.49  # the left half of the picture is hidden
     rows = regularisers.transient_rows(means, torch.tensor([0.11, 0.9, 0.09, 0.9, 0.9]), mask, view)

@@ -30,9 +30,13 @@ def test_the_kernel_equals_the_definition(count, coefficients):
 
 def test_rows_that_are_no_gaussians_do_not_count():
     residual, shown = example(100, 4), torch.tensor(37, device=DEVICE)
-    loss, gradient, size = (part.cpu().double() for part in residual_cuda.residual_loss(residual.to(DEVICE), 0.3, shown))
+    loss, gradient, size = (
+        part.cpu().double() for part in residual_cuda.residual_loss(residual.to(DEVICE), 0.3, shown)
+    )
     expected_loss, expected_gradient, expected_size = plain_residual_loss(residual[:37].double(), 0.3)
-    torch.testing.assert_close((loss, gradient[:37], size), (expected_loss, expected_gradient, expected_size), rtol=1e-6, atol=1e-9)
+    torch.testing.assert_close(
+        (loss, gradient[:37], size), (expected_loss, expected_gradient, expected_size), rtol=1e-6, atol=1e-9
+    )
     assert not gradient[37:].any()
 
 

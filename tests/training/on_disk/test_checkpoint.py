@@ -20,14 +20,19 @@ def test_the_newest_checkpoint_is_the_one_of_the_highest_step_and_no_file_of_ano
     others = "000400 (copy).safetensors", "of_yesterday.safetensors", "99999.safetensors", "2000000.safetensors.part"
     for name in (*names, *(f"checkpoint_{other}" for other in others)):
         (tmp_path / name).touch()
-    assert checkpoint.newest(tmp_path).name == names[-1] and {path.name for path in checkpoint.written(tmp_path)} == set(names)
+    assert checkpoint.newest(tmp_path).name == names[-1] and {
+        path.name for path in checkpoint.written(tmp_path)
+    } == set(names)
 
 
 @pytest.mark.parametrize(
     "problem, reason",
     [
         (OSError(28, "No space left on device", ".checkpoint.wegs-x"), "No space left on device"),
-        (SafetensorError("Error while serializing: I/O error: No space left on device (os error 28)"), r"No space left on device \(os error 28\)"),
+        (
+            SafetensorError("Error while serializing: I/O error: No space left on device (os error 28)"),
+            r"No space left on device \(os error 28\)",
+        ),
     ],
 )
 def test_a_checkpoint_that_cannot_be_written_says_why_and_how_to_go_on(problem, reason, tmp_path, monkeypatch):
@@ -35,7 +40,8 @@ def test_a_checkpoint_that_cannot_be_written_says_why_and_how_to_go_on(problem, 
     checkpoint.save(tmp_path, saved)
     monkeypatch.setattr(checkpoint, "save_file", failing(problem))
     with pytest.raises(
-        BadInput, match=f"000008.safetensors could not be written: {reason}. Free some space, or let .*, then type: wegs train --resume -o"
+        BadInput,
+        match=f"000008.safetensors could not be written: {reason}. Free some space, or let .*, then type: wegs train --resume -o",
     ):
         checkpoint.save(tmp_path, checkpoint.Checkpoint(saved.tensors, {"step": 8}))
     checkpoint.newest(tmp_path).unlink()

@@ -38,7 +38,10 @@ def test_a_name_that_a_broken_link_has_is_not_free():
     Path("runs/plaza").symlink_to("nowhere")
     with new_run(None, "plaza") as folder:
         assert folder == Path("runs/plaza-2")
-    with pytest.raises(BadInput, match="runs/plaza is not a folder. Write to another folder"), new_run(Path("runs/plaza"), "plaza"):
+    with (
+        pytest.raises(BadInput, match="runs/plaza is not a folder. Write to another folder"),
+        new_run(Path("runs/plaza"), "plaza"),
+    ):
         pass
 
 

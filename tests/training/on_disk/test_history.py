@@ -12,7 +12,11 @@ from tests.failing import failing
 
 def test_rows_are_on_disk_at_once_and_go_on_after_a_pause(tmp_path):
     for step in (5, 10):
-        history.add_row(tmp_path, ("step", history.HELD_OUT), {"step": step, history.HELD_OUT: 20.5 if step == 10 else None, "messages": ()})
+        history.add_row(
+            tmp_path,
+            ("step", history.HELD_OUT),
+            {"step": step, history.HELD_OUT: 20.5 if step == 10 else None, "messages": ()},
+        )
         lines = (tmp_path / "history.csv").read_text().splitlines()
         assert lines[-1] == ("5," if step == 5 else "10,20.5")
     assert lines[0] == f"step,{history.HELD_OUT}" and len(lines) == 3
@@ -20,7 +24,9 @@ def test_rows_are_on_disk_at_once_and_go_on_after_a_pause(tmp_path):
 
 def test_checks_are_the_rows_that_measured_and_can_be_read(tmp_path):
     assert history.checks(tmp_path) == []
-    (tmp_path / "history.csv").write_bytes(b"step,held_out_psnr,held_out_ssim\n5,,\n6,20.5,0.5\n7,x,0.5\n8,21,0.5,7\n\xff,1\n9,22,\n10,2")
+    (tmp_path / "history.csv").write_bytes(
+        b"step,held_out_psnr,held_out_ssim\n5,,\n6,20.5,0.5\n7,x,0.5\n8,21,0.5,7\n\xff,1\n9,22,\n10,2"
+    )
     assert history.checks(tmp_path) == [
         {"step": 6, "held_out_psnr": 20.5, "held_out_ssim": 0.5},
         {"step": 9, "held_out_psnr": 22},

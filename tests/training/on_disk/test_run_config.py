@@ -48,11 +48,17 @@ def test_a_run_goes_on_only_with_exactly_the_same_cameras(tmp_path, collection):
     assert collection.changed_since(before) == []
     first = collection.photos[0]
     turned = first.camera.world_to_camera @ np.diag([-1.0, -1.0, 1.0])
-    for camera in (replace(first.camera, fx=1.3 * first.camera.fx), replace(first.camera, world_to_camera=turned), replace(first.camera, width=7)):
+    for camera in (
+        replace(first.camera, fx=1.3 * first.camera.fx),
+        replace(first.camera, world_to_camera=turned),
+        replace(first.camera, width=7),
+    ):
         other = replace(collection, photos=(replace(first, camera=camera), *collection.photos[1:]))
         assert other.changed_since(before) == [first.name]
     lens = Lens("OPENCV", 1, 1, [])
-    assert replace(collection, photos=(replace(first, lens=lens), *collection.photos[1:])).changed_since(before) == [first.name]
+    assert replace(collection, photos=(replace(first, lens=lens), *collection.photos[1:])).changed_since(before) == [
+        first.name
+    ]
 
 
 def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
@@ -76,8 +82,12 @@ def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, c
     for photo in collection.photos[:2]:
         (project / "pool" / photo.name).touch()
         (project / "masks" / photo.name).touch()
-        photos.append(replace(photo, path=project / ways[photo.name] / photo.name, mask=GivenMask(project / "masks" / photo.name)))
-    run_folders.create(project / "run", replace(collection, root=project / "scene", photos=tuple(photos)), small_settings())
+        photos.append(
+            replace(photo, path=project / ways[photo.name] / photo.name, mask=GivenMask(project / "masks" / photo.name))
+        )
+    run_folders.create(
+        project / "run", replace(collection, root=project / "scene", photos=tuple(photos)), small_settings()
+    )
 
     def files(run):
         photos = run_config.read_config(run)[2].photos
@@ -141,7 +151,13 @@ def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
 def changed(camera=(), lens=()):
     def change(photo):
         photo["camera"] |= camera
-        photo["lens"] = {"model": "SIMPLE_PINHOLE", "width": 4, "height": 3, "params": [4.0, 2, 1.5], "orientation": 1} | dict(lens)
+        photo["lens"] = {
+            "model": "SIMPLE_PINHOLE",
+            "width": 4,
+            "height": 3,
+            "params": [4.0, 2, 1.5],
+            "orientation": 1,
+        } | dict(lens)
 
     return change
 

@@ -79,7 +79,9 @@ def test_an_output_that_exists_is_refused_unless_empty_or_forced(here):
 @pytest.mark.parametrize("output", [None, Path("new")])
 def test_a_place_where_no_run_can_be_made_is_refused(output, here, monkeypatch):
     monkeypatch.setattr(tempfile, "mkdtemp", failing(DENIED))
-    with pytest.raises(BadInput, match=f"The folder {here} may not be written in: Permission denied. Choose another -o."):
+    with pytest.raises(
+        BadInput, match=f"The folder {here} may not be written in: Permission denied. Choose another -o."
+    ):
         run_folders.choose_folder(output, "plaza")
 
 
@@ -122,7 +124,10 @@ def test_a_run_whose_config_was_garbled_can_still_be_replaced(here, text):
 def test_a_config_that_was_garbled_before_the_first_checkpoint_is_named(here, text):
     begin(Path("old"))
     Path("old/config.json").write_text(text)
-    with pytest.raises(BadInput, match="^old/config.json is damaged: it is no JSON, and old has no checkpoint. If it was a run, train it again.$"):
+    with pytest.raises(
+        BadInput,
+        match="^old/config.json is damaged: it is no JSON, and old has no checkpoint. If it was a run, train it again.$",
+    ):
         run_folders.find_run(Path("old"))
 
 
@@ -148,7 +153,9 @@ def test_the_run_that_is_taken_when_none_is_named(here):
     assert not run_folders.is_default(Path("runs/a"))
     begin(Path("runs/a"), age_s=5)
     begin(Path("elsewhere"))
-    assert all(map(run_folders.is_default, (here / "runs" / "a", Path("runs/a")))) and not run_folders.is_default(Path("elsewhere"))
+    assert all(map(run_folders.is_default, (here / "runs" / "a", Path("runs/a")))) and not run_folders.is_default(
+        Path("elsewhere")
+    )
 
 
 def test_a_run_half_deleted_by_a_kill_can_still_be_replaced(tmp_path, collection, monkeypatch):
@@ -175,7 +182,14 @@ def test_a_run_half_deleted_by_a_kill_can_still_be_replaced(tmp_path, collection
 def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, collection):
     folder = tmp_path / "run"
     (folder / "masks").mkdir(parents=True)
-    for name in ("masks/a.png", "checkpoint_000100.safetensors", "results_full.json", "sheet_full.png", "dusk.ply", COPY):
+    for name in (
+        "masks/a.png",
+        "checkpoint_000100.safetensors",
+        "results_full.json",
+        "sheet_full.png",
+        "dusk.ply",
+        COPY,
+    ):
         (folder / name).write_text("old")
     run_folders.create(folder, collection, small_settings())
     assert sorted(path.name for path in folder.iterdir()) == [
@@ -185,5 +199,8 @@ def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, coll
 
 def test_a_file_in_place_of_the_point_cloud_folder_is_refused(tmp_path):
     (tmp_path / "point_cloud").touch()
-    with pytest.raises(BadInput, match="iteration_7 cannot be made: a file is in the way. Move what is there away, then type: wegs train --resume"):
+    with pytest.raises(
+        BadInput,
+        match="iteration_7 cannot be made: a file is in the way. Move what is there away, then type: wegs train --resume",
+    ):
         run_folders.point_cloud_path(tmp_path, 7)

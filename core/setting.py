@@ -23,8 +23,8 @@ def setting(
 ) -> Any:
     """A field of Settings: its default, its help, and the values it accepts.
 
-    auto: a number may be UNDECIDED as well. section:
-    the heading, in lists of settings, of this one and those that follow.
+    auto: a number may be UNDECIDED as well. section: the heading, in lists of settings, of this one and those that
+    follow.
     """
     rules = {"help": help, "low": low, "high": high, "choices": choices, "auto": auto, "section": section}
     return field(default=default, metadata=rules)

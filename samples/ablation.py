@@ -3,8 +3,7 @@ and each difference of wegs from the paper, switched back.
 
     python samples/ablation.py samples/plaza --seeds 3
     python samples/ablation.py statue_of_liberty --preset default -r 2
-    python samples/ablation.py SCENE --split val.tsv --only "no mask" --only
-    "mask by MLP"     # to choose by, not to publish
+    python samples/ablation.py SCENE --split val.tsv --only "no mask" --only "mask by MLP"  # to choose by
 
 Each variant (samples/measurements/variants.py) is the base preset with a few settings changed; one that changes nothing
 is the full model. Runs are trained one after the other. Those finished in the output folder are not trained again, and

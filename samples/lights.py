@@ -1,13 +1,12 @@
 """Draws the README's pictures of looks: a run, from one camera,
 in the looks of its own photos and of photos from outside.
 
-    python samples/lights.py                                    # of the newest run of samples/plaza: lights.jpg and
-    styles.jpg python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg       # of
-    anyone's run python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg
-    # without its photos
-
-    python samples/lights.py RUN --style 0012.jpg --style night.jpg --grid --view 0012.jpg -o
-    grid.jpg          # as lights.jpg, of anyone's run
+    python samples/lights.py                   # of the newest run of samples/plaza: lights.jpg and styles.jpg
+    python samples/lights.py RUN --style night.jpg --style noon.jpg --view 0012.jpg -o sheet.jpg  # of anyone's run
+    python samples/lights.py RUN --style night.jpg --renders --view 0012.jpg --view 0040.jpg -o sheet.jpg
+                                               # without its photos
+    python samples/lights.py RUN --style 0012.jpg --style night.jpg --grid --view 0012.jpg -o grid.jpg
+                                               # as lights.jpg, of anyone's run
 
 lights.jpg (without -o or --style): six looks, each with its photo in a corner. styles.jpg, or the file of -o: a row for
 each style photo (photo | neutral | its look | truth if it is known), and below them the looks between the first style

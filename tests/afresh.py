@@ -17,8 +17,8 @@ def afresh(function, *signature):
 def assembly_of(function, signature) -> str:
     """The machine code for one signature; skips the test on a processor without 256-bit fused multiply-adds.
 
-    Where the compiler quietly leaves a loop scalar, the result is right and several times as slow:
-    nothing but the assembly tells.
+    Where the compiler quietly leaves a loop scalar, the result is right and several times as slow: nothing but the
+    assembly tells.
     """
     features = llvmlite.binding.get_host_cpu_features()
     if platform.machine() not in ("x86_64", "AMD64") or not (features.get("avx2") and features.get("fma")):

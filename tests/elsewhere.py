@@ -101,9 +101,8 @@ NO_KERNEL = {
 
 @dataclass
 class Work:
-    """launches: kernels by name, an operation of torch that is no view as one; triton:
-    those of ours among them. waits: what
-    the host would wait for. asked: what it asked for without waiting, and has not waited for anything since."""
+    """launches: kernels by name, an operation of torch that is no view as one; triton: those of ours among them. waits:
+    what the host would wait for. asked: what it asked for without waiting, and has not waited for anything since."""
 
     launches: Counter = field(default_factory=Counter)
     triton: Counter = field(default_factory=Counter)

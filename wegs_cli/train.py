@@ -36,8 +36,8 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
     SCENE is a folder: of plain photos, whose cameras are then found first, or a COLMAP, PhotoTourism, nerfstudio,
     Instant-NGP, Blender or NeRF-OSR scene. Points are triangulated if the scene has none.
 
-    The result is a run: a folder with the scene in its neutral look as a .ply,
-    and all that `wegs bake` needs to write it in any other look.
+    The result is a run: a folder with the scene in its neutral look as a .ply, and all that `wegs bake` needs to write
+    it in any other look.
 
     \b
     Examples:

@@ -15,8 +15,8 @@ LAST_LAYER_GAIN = 0.1  # and nearly flat: the last layer's initial weights are s
 
 
 def rectified(layer: Layer) -> Layer:
-    """`layer` with weights that keep the mean square of their input through a ReLU (He et al. 2015, eq.
-    10; PyTorch's own leave a sixth of it).
+    """`layer` with weights that keep the mean square of their input through a ReLU (He et al. 2015, eq. 10;
+    PyTorch's own leave a sixth of it).
 
     Not so of a transposed convolution, whose outputs PyTorch takes for its inputs: those of MaskUNet leave a quarter
     and, before LAST_LAYER_GAIN, sixteen times as much.
@@ -27,8 +27,8 @@ def rectified(layer: Layer) -> Layer:
 
 
 class ChannelAttention(nn.Module):
-    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F (paper, eqs.
-    15 and 16): one weight per channel, from one two-layer MLP.
+    """F' = sigmoid(MLP(average(F)) + MLP(maximum(F))) * F (paper, eqs. 15 and 16):
+    one weight per channel, from one two-layer MLP.
 
     The paper writes the attention map as C x 1 x H'; pooling over space leaves C x 1 x 1.
     """

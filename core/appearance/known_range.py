@@ -21,8 +21,8 @@ class KnownRange:
     """The ellipsoid around the mean of the training photos' embeddings that
     passes through the farthest of them, float64.
 
-    axes: the principal ones, as rows. lengths: their ratio, weak ones lengthened.
-    size: what all lengths are multiplied by.
+    axes: the principal ones, as rows. lengths: their ratio, weak ones lengthened. size: what all lengths are multiplied
+    by.
     """
 
     centre: Float[Tensor, " e"]

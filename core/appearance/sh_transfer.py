@@ -26,8 +26,8 @@ MIXING_GAIN = 0.25
 class TransferInput:
     """What the SH transfer reads of V Gaussians.
 
-    sh: base coefficients. means: scene frame, finite; they get no gradient.
-    latents: needed exactly if the setting `latent_size` > 0.
+    sh: base coefficients. means: scene frame, finite; they get no gradient. latents: needed exactly if the setting
+    `latent_size` > 0.
     """
 
     sh: Float[Tensor, "v c 3"]
@@ -36,13 +36,12 @@ class TransferInput:
 
 
 class SHTransfer(nn.Module):
-    """delta = bound * tanh(G(gamma(sh), z, gamma(mu), l) / bound), G an MLP (paper, eq.
-    9: Delta sh_jk); sh' itself where `residual` is off.
+    """delta = bound * tanh(G(gamma(sh), z, gamma(mu), l) / bound), G an MLP (paper, eq. 9: Delta sh_jk);
+    sh' itself where `residual` is off.
 
     gamma(sh): the coefficients, with `sh_octaves` octaves. gamma(mu): centres contracted into [-1, 1], with
-    `position_octaves` octaves. z: a latent of `latent_size` numbers per Gaussian,
-    if that is not 0. The view direction is no
-    input: only so can a look be baked into a file.
+    `position_octaves` octaves. z: a latent of `latent_size` numbers per Gaussian, if that is not 0. The view direction
+    is no input: only so can a look be baked into a file.
 
     `embedding_enters` "input": l is an input of the first layer, as in the paper; its share of that layer is the same
     for all Gaussians and computed once. "output": the hidden layers do not know the photo, and l gives the weights of
@@ -119,8 +118,8 @@ class SHTransfer(nn.Module):
         """How widely the output layers that these embeddings give differ (standard deviations);
         empty where an embedding is an input.
 
-        By the name of the bias of the map that gives them:
-        a change of it moves the output layers of all embeddings alike.
+        By the name of the bias of the map that gives them: a change of it moves the output layers of all embeddings
+        alike.
         """
         return {"last.bias": self.last(embeddings).std(dim=0)} if self.mixes and len(embeddings) > 1 else {}
 

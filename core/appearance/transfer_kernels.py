@@ -75,8 +75,8 @@ def evaluate(
     """Write rows begin..end of bound * tanh(y / bound),
     plus those of `base` unless that is empty, to `output` (n, out).
 
-    kept: (layers, whole strips of rows, width) for the hidden layers, or (layers, 0,
-    width) if no backward pass will ask for them.
+    kept: (layers, whole strips of rows, width) for the hidden layers, or (layers, 0, width) if no backward pass will
+    ask for them.
     """
     features = buffer_of(encoded_sh, latents)
     places = matrix(len(place_weight), STRIP)

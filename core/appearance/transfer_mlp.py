@@ -1,14 +1,12 @@
 """The MLP inside the SH transfer: the definition in plain torch, and the same in blocks for the CPU.
 
-h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i),
-y = bound * tanh((h_n V' + x_features S' + b) / bound). A Gaussian's
-input x has two parts: its features, gamma(sh) and behind it the latents if there are any, which receive a gradient and
-may also skip to the output; and its encoded place, which does neither.
+h_1 = relu(x W_1' + b_1), h_i = relu(h_(i-1) W_i' + b_i), y = bound * tanh((h_n V' + x_features S' + b) / bound). A
+Gaussian's input x has two parts: its features, gamma(sh) and behind it the latents if there are any, which receive a
+gradient and may also skip to the output; and its encoded place, which does neither.
 
 Blocks of ROWS rows are what threads share; `transfer_kernels` computes them. A row's result does not depend on what it
 is evaluated with, so bakes equal live renders bit for bit. Weight gradients are summed a block at a time and then in
-the order of
-the blocks: the same for any number of threads.
+the order of the blocks: the same for any number of threads.
 """
 
 import math
@@ -154,9 +152,8 @@ class _Inputs(NamedTuple):
 class _Evaluated(NamedTuple):
     """What the forward pass leaves to the backward pass.
 
-    output_layer: its values. kept: the hidden layers (layers, padded rows, padded width),
-    without rows if no backward pass comes.
-    output: (n, out).
+    output_layer: its values. kept: the hidden layers (layers, padded rows, padded width), without rows if no backward
+    pass comes. output: (n, out).
     """
 
     inputs: _Inputs
@@ -250,8 +247,8 @@ def _summed(
 ) -> list[Tensor | None]:
     """The gradients of the weights, None for those not wanted.
 
-    differentiate: a kernel; called as (begin, end, *given, *parts),
-    it writes into `parts` what the rows begin..end add to each gradient.
+    differentiate: a kernel; called as (begin, end, *given, *parts), it writes into `parts` what the rows begin..end add
+    to each gradient.
     """
     transposed = _transposed(layers)
     shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(transposed, wants)]

@@ -1,7 +1,7 @@
 """What a rasterizer can trade for time, measured with the functions of the definition (core.rasterizer.reference).
 
-The contract fixes the thresholds, so no backend takes them as arguments.
-Here the definition is blended tile by tile with other thresholds.
+The contract fixes the thresholds, so no backend takes them as arguments. Here the definition is blended tile by tile
+with other thresholds.
 """
 
 from dataclasses import dataclass

@@ -35,9 +35,8 @@ CHECKS = 12  # times a run that is trained for a figure is measured on the way
 class Size:
     """How much is measured. budget: see `stopwatch.timed`.
 
-    Of training: share of each preset's steps, most Gaussians, resolution of photos
-    (a width in px, or UNDECIDED), seeds.
-    views: that baking is judged by. photos: that are refined. cameras: of a run that are rendered.
+    Of training: share of each preset's steps, most Gaussians, resolution of photos (a width in px, or UNDECIDED),
+    seeds. views: that baking is judged by. photos: that are refined. cameras: of a run that are rendered.
     """
 
     share: float
@@ -75,9 +74,8 @@ def bench(
     """Measure and draw the figures `names` (of FIGURES, in that order);
     each is written into `output` as soon as it is measured.
 
-    They are of the run in `run_folder` or, without one, of all presets,
-    which are trained now on `scene` or on the built-in scene.
-    force: replace figures that are there, or remove them where nothing can be drawn in their place.
+    They are of the run in `run_folder` or, without one, of all presets, which are trained now on `scene` or on the
+    built-in scene. force: replace figures that are there, or remove them where nothing can be drawn in their place.
     """
     if scene is not None and run_folder is not None:
         raise BadInput(
@@ -129,10 +127,9 @@ def bench(
 def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:
     """Draw the training of runs, and the refinement on their held-out photos, into the folder of the first.
 
-    Figures that an earlier call left there are replaced or, if they are not drawn now, removed:
-    they may be of other runs.
-    runs: their folders, the newest run if empty; one given twice is drawn once.
-    refine: if False, only the training is drawn.
+    Figures that an earlier call left there are replaced or, if they are not drawn now, removed: they may be of other
+    runs. runs: their folders, the newest run if empty; one given twice is drawn once. refine: if False, only the
+    training is drawn.
     """
     found = [run_folders.find_run(path) for path in runs or (None,)]
     folders = list({folder.resolve(): folder for folder in found}.values())

@@ -29,9 +29,8 @@ FAR = 100.0  # times the median camera's distance from the scene's centre
 class GivenMask:
     """A mask that came with a photo: a picture, white where training uses the photo (core.data.given_masks).
 
-    lens: that of the photo's original, if the photo is an undistorted copy and
-    the mask was drawn on the original, else None.
-    bytes: as `Photo.bytes`.
+    lens: that of the photo's original, if the photo is an undistorted copy and the mask was drawn on the original, else
+    None. bytes: as `Photo.bytes`.
     """
 
     path: Path

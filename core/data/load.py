@@ -115,8 +115,8 @@ def posed_kind(path: Path) -> str | None:
 def scene_around(photos: Path) -> tuple[Path, str] | None:
     """The scene with cameras that the folder `photos` lies in, and its kind; None if there is none.
 
-    Inside the dense/ of a PhotoTourism scene, and inside a split of NeRF-OSR,
-    that is the folder above, which holds the split.
+    Inside the dense/ of a PhotoTourism scene, and inside a split of NeRF-OSR, that is the folder above, which holds the
+    split.
     """
     above = photos.resolve().parent
     for scene in (above.parent, above):

@@ -104,8 +104,8 @@ def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -
     """The folder `place` or, if it is gone, the one that the relative path `way` leads to from `folder`:
     both may have been moved together.
 
-    files: what `place` held. A folder with none of them is a different one: a path such as ../..
-    leads to some folder from anywhere.
+    files: what `place` held. A folder with none of them is a different one: a path such as ../.. leads to some folder
+    from anywhere.
     """
     together = (folder / str(way)).resolve()
     may_be = way and together.is_dir() and not place.is_dir()

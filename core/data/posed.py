@@ -23,11 +23,9 @@ class Fault(Exception):
 class PosedPhoto:
     """A photo as a collection's files describe it, before the photo itself is opened.
 
-    lens: the camera for a photo of this width and height (px, as stored),
-    which matter only to formats that state no size.
-    rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units.
-    split: "train", "test", or None if the files do not say.
-    mask: a picture, white where the photo is to be used.
+    lens: the camera for a photo of this width and height (px, as stored), which matter only to formats that state no
+    size. rotation: (3, 3) world to camera, OpenCV axes. centre: (3,) world units. split: "train", "test", or None if
+    the files do not say. mask: a picture, white where the photo is to be used.
     """
 
     name: str
@@ -59,8 +57,8 @@ class Points:
 class Posed:
     """What a scene's files say. source: the file or folder that says it. notes: what was left out so far.
 
-    missing_words: what to say of missing photos, after "3 photos".
-    fix: what to do if they are missing and none is left.
+    missing_words: what to say of missing photos, after "3 photos". fix: what to do if they are missing and none is
+    left.
     """
 
     kind: str

@@ -73,8 +73,8 @@ def copy_lists(folders: Iterable[Path], scene: Path) -> None:
     """Copy the split tables and the test list in the folders of plain photos into the scene made of these,
     where they are looked for.
 
-    Of two with the same name the last is copied. What was copied earlier and is gone from the folders is removed
-    from the scene, too, unless it was changed there.
+    Of two with the same name the last is copied. What was copied earlier and is gone from the folders is removed from
+    the scene, too, unless it was changed there.
     """
     found = {path.name: path for folder in folders for path in _lists_in(folder)}
     copied = read_mark(scene / COPIED)

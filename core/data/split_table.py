@@ -74,8 +74,8 @@ def columns_of(path: Path) -> set[str]:
 def read_split_table(path: Path) -> SplitTable:
     """Read filename, id and split; other columns are ignored.
 
-    Ids (floats in the official files) matter only in that a row without one is not used, as in NeRF-W's reader.
-    Raises BadInput for a file without these columns.
+    Ids (floats in the official files) matter only in that a row without one is not used, as in NeRF-W's reader. Raises
+    BadInput for a file without these columns.
     """
     fix = "Remove it, or give it the tab-separated columns filename, id and split."
     try:

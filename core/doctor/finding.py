@@ -9,8 +9,8 @@ class Finding:
     """The result of a check. figure: what was found. meaning: why it matters, or empty.
     advice: what to do, if anything.
 
-    elsewhere: the advice for a file that wegs did not write,
-    where wegs' own commands and settings do not help; empty if it is the same.
+    elsewhere: the advice for a file that wegs did not write, where wegs' own commands and settings do not help; empty
+    if it is the same.
     """
 
     name: str

@@ -159,8 +159,8 @@ def measure(
 def regions(view: HeldOutView, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
-    Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to
-    be halved or has no valid pixel in one of them.
+    Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to be halved or has no valid
+    pixel in one of them.
     """
     if protocol not in PROTOCOLS:
         raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")

@@ -27,11 +27,10 @@ REFINEMENT_KIND = (
 class Results:
     """The figures of a run, with everything that decides whether they may be compared with others.
 
-    run: its identity, as in config.json. gaussians: of the run, with those of the sky.
-    scale: width of the pictures measured / width of
-    the photos on disk. lpips_backbone: lpips.BACKBONE, or None without weights. training_seconds, evaluation_seconds:
-    wall clock. white_background: photos and renders are compared over white, so that transparent pixels are scored;
-    otherwise they are not. has_looks: whether the run has more looks than one.
+    run: its identity, as in config.json. gaussians: of the run, with those of the sky. scale: width of the pictures
+    measured / width of the photos on disk. lpips_backbone: lpips.BACKBONE, or None without weights. training_seconds,
+    evaluation_seconds: wall clock. white_background: photos and renders are compared over white, so that transparent
+    pixels are scored; otherwise they are not. has_looks: whether the run has more looks than one.
     """
 
     protocol: str

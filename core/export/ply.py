@@ -89,8 +89,8 @@ def read_ply(path: Path) -> Splats:
     """The Gaussians (world units, float32) of a 3DGS .ply, binary or ASCII, of SH degree 0 to 3:
     every row, also those that cannot be drawn.
 
-    Opacities of 0 and 1 and scales of 0, which other programs write as logits
-    and logarithms of +-Inf, are read as +-ENDLESS.
+    Opacities of 0 and 1 and scales of 0, which other programs write as logits and logarithms of +-Inf, are read as
+    +-ENDLESS.
 
     Raises BadInput naming what is wrong: no such file, not a .ply, cut short, a column missing, a number of f_rest
     columns that fits no degree.

@@ -41,8 +41,8 @@ def find_look(
     collection, or the original of one that is; the name of a look saved in the run; the name of a photo of the
     collection, also without its suffix if that is unambiguous. A training photo has the embedding that was learned for
     it; a held-out one, or one with `mask`, is encoded with its predicted mask, any other photo with M := 1.
-    Raises BadInput, with the nearest name, if nothing fits;
-    and for a mask that is no file, or given for a look that is not read from a photo.
+    Raises BadInput, with the nearest name, if nothing fits; and for a mask that is no file, or given for a look that is
+    not read from a photo.
     """
     if mask is not None and not mask.is_file():  # a pipe would be waited for without end
         raise BadInput(

@@ -37,10 +37,9 @@ class Pruner:
 
     sky: how many of the last Gaussians are the dome. All of it is kept: in a viewer, people may look where no photo
     does, and would see holes. background: what looks are shown and compared over.
-    kept: (N,) Gaussians that stay in every look; only a look so bright that
-    they would break the bound keeps all of `drawn`.
-    drawn: (N,) Gaussians that reach any pixel of any view, the dome, and those that are not finite,
-    which the file's writer counts.
+    kept: (N,) Gaussians that stay in every look; only a look so bright that they would break the bound keeps all of
+    `drawn`. drawn: (N,) Gaussians that reach any pixel of any view, the dome, and those that are not finite, which the
+    file's writer counts.
     """
 
     def __init__(
@@ -66,8 +65,8 @@ class Pruner:
 
         Leaving out a Gaussian of weight w = alpha T changes a pixel by w |c - B|, with c its colour and B what is
         behind it. Taken from back to front, those in front keep their weights, so a set changes a pixel by at most the
-        sum of its w times the brightest
-        colour. That sum is rendered: it is the picture in which the set is white and all others are black.
+        sum of its w times the brightest colour. That sum is rendered: it is the picture in which the set is white and
+        all others are black.
         """
         order = torch.argsort(strongest, stable=True)
         never = int((strongest == 0).sum())

@@ -35,8 +35,8 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     """The look of a photo file from outside the collection, refined;
     unchanged if the photo cannot be located, with the reason in `source`.
 
-    The photo is compared at its own size or, if that is smaller, the mean size of the run's photos in training.
-    mask: white where it is to be used.
+    The photo is compared at its own size or, if that is smaller, the mean size of the run's photos in training. mask:
+    white where it is to be used.
     """
     if not trained.has_looks:
         return look

@@ -36,9 +36,8 @@ NEUTRAL = "neutral"  # the name of the look that every run has; no other can hav
 class TrainedRun:
     """What `load_run` finds in a run folder.
 
-    splats: base Gaussians, scene frame; the last `sky` of them are the dome.
-    latents: one row a Gaussian, if the run has any.
-    state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for
+    splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one row a Gaussian, if the run
+    has any. state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for
     `model.photo_names[i]`, from the GLO table or from the encoder as it was at the end of training; None while the
     encoder's training is unfinished, and without looks. A TrainedRun is a Subject of core.evaluation.
     """

@@ -35,8 +35,8 @@ def bake_to_file(
 
     prune: leave out what no training view would miss. mask: of the photo that `word` names, white where it is to be
     used. with_sky: write the dome, too. refine: refine the look of a photo whose camera is known or can be found.
-    Raises BadInput for a run, look, mask or output that cannot be used,
-    BadSetting for a name that a saved look cannot have; DiskFull.
+    Raises BadInput for a run, look, mask or output that cannot be used, BadSetting for a name that a saved look cannot
+    have; DiskFull.
     """
     start = time.perf_counter()
     core.export.check_format(output)

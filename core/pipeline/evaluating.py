@@ -37,8 +37,8 @@ def evaluate(
     writes results.json, per_view.json and sheet.png of the protocol into the run.
 
     keep_pictures: also every render and photo, as they were compared, into its pictures/.
-    Raises BadInput for a run that cannot be used or written in, and if no held-out photo can be measured;
-    BadSetting for an unknown protocol; DiskFull.
+    Raises BadInput for a run that cannot be used or written in, and if no held-out photo can be measured; BadSetting
+    for an unknown protocol; DiskFull.
     """
     trained = open_run(folder, report)
     run_folders.check_writable(trained.folder)

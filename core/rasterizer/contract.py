@@ -85,8 +85,8 @@ class Rasterizer(Protocol):
         differentiable in every tensor of `splats`.
 
         probe: zeros that are added to the projected centres (px); its gradient dL/d(centre) drives density control.
-        known: what `visible` says of these Gaussians; None if it was not asked.
-        With it, a backend may count on a probe of zeros.
+        known: what `visible` says of these Gaussians; None if it was not asked. With it, a backend may count on a probe
+        of zeros.
         """
 
     def contributions(self, splats: Splats, camera: Camera, known: Any = None) -> Float[Tensor, " n"]:

@@ -128,8 +128,8 @@ def visible_rows(splats: Splats, camera: Camera) -> Int[Tensor, " v"]:
 def projected(splats: Splats, camera: Camera) -> tuple[Int[Tensor, " v"], Projection]:
     """The rows of the visible Gaussians, front to back, and what the camera sees of these.
 
-    Selected before any differentiable arithmetic:
-    a NaN that enters it would come back out of the gradient of a mere mask, because 0 * NaN = NaN.
+    Selected before any differentiable arithmetic: a NaN that enters it would come back out of the gradient of a mere
+    mask, because 0 * NaN = NaN.
     """
     rows = visible_rows(splats, camera)
     rows = rows[front_to_back(splats[rows], camera)]

@@ -1,7 +1,7 @@
 """A picture's cells (core.scene.cells) as a linear map of the Gaussians' colours.
 
-To compare many looks with one photo, project, sort and blend once:
-how much of a Gaussian a cell shows is the same in every look.
+To compare many looks with one photo, project, sort and blend once: how much of a Gaussian a cell shows is the same in
+every look.
 """
 
 from collections.abc import Callable

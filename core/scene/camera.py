@@ -68,8 +68,8 @@ class Camera:
         """The camera that is this `share` of the way to another one, in [0, 1]:
         on a straight line, turning at a constant rate.
 
-        The picture keeps its size and principal point.
-        The other's focal length counts relative to the longer side of its own picture.
+        The picture keeps its size and principal point. The other's focal length counts relative to the longer side of
+        its own picture.
         """
         if share == 0 or other is self:
             return self

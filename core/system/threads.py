@@ -36,8 +36,8 @@ def one_torch_thread() -> Iterator[None]:
 def threads_for_blocks() -> Iterator[None]:
     """As `one_torch_thread`, but `in_parallel` and `beside` go on using as many threads as torch had. A decorator too.
 
-    For work in which torch's own operations are small:
-    OpenMP's threads save less than they cost where ours are at work.
+    For work in which torch's own operations are small: OpenMP's threads save less than they cost where ours are at
+    work.
     """
     before, _calling_thread.threads = _calling_thread.threads, threads()
     try:

@@ -27,8 +27,8 @@ FIRST_BUDGET = 0.25  # of max_gaussians; what growth may reach rises from there 
 class DensityControl:
     """Density control of one run, between its steps.
 
-    points: from SfM, (M, 3), scene frame. model: predicts the masks.
-    generator: draws the positions of split Gaussians. report: is told how far the slow parts are.
+    points: from SfM, (M, 3), scene frame. model: predicts the masks. generator: draws the positions of split Gaussians.
+    report: is told how far the slow parts are.
     """
 
     def __init__(

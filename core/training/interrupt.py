@@ -14,8 +14,8 @@ STOPS = (signal.SIGINT, signal.SIGTERM) + ((HANG_UP,) if HANG_UP else ())
 class StopRequest:
     """Within its `with` block the first of STOPS sets `asked`; the second one interrupts at once, as it would outside.
 
-    SIGHUP never does: a closed terminal sends it twice, by its shell and by the system.
-    Where it is ignored (nohup), it stays so.
+    SIGHUP never does: a closed terminal sends it twice, by its shell and by the system. Where it is ignored (nohup), it
+    stays so.
     """
 
     def __init__(self):

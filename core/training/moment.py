@@ -10,8 +10,8 @@ from core.scene.camera import Camera
 class Moment:
     """The step on photo `index`, after `done` others.
 
-    progress: of the run, in [0, 1). camera: the photo's, at the picture size of the step.
-    background: of photo and render alike.
+    progress: of the run, in [0, 1). camera: the photo's, at the picture size of the step. background: of photo and
+    render alike.
     """
 
     index: int

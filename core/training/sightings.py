@@ -24,11 +24,10 @@ FRONT_SHARE, FRONT_POINTS, FRONT_RADIUS = 0.93, 8, 0.03
 class Sightings:
     """N places in photos where a point is shown, or should be.
 
-    photo, point: (N,) numbers from 0. pixel: (N, 2) in shares of the picture's diagonal.
-    colour: (N, 3) in [0, 1], averaged
-    over BLUR. towards: (N, 3) unit vector from the camera to the point. matched: (N,) whether the photo's features were
-    matched to it; else it is expected there. degrees:
-    (N,) angle at the point to the nearest other photo that matched it.
+    photo, point: (N,) numbers from 0. pixel: (N, 2) in shares of the picture's diagonal. colour: (N, 3) in [0, 1],
+    averaged over BLUR. towards: (N, 3) unit vector from the camera to the point. matched: (N,) whether the photo's
+    features were matched to it; else it is expected there. degrees: (N,) angle at the point to the nearest other photo
+    that matched it.
     """
 
     photo: np.ndarray

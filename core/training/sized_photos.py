@@ -81,8 +81,8 @@ class Sizes:
 class SizedPhoto:
     """A photo at the size that it is trained at. camera: at this size. encoder_input: (3, h, w).
 
-    pixels: (H, W, 3) uint8, valid: (H, W) bool or None, and empty:
-    (H, W) uint8 or None are as in core.data.photos.pixels.LoadedPhoto.
+    pixels: (H, W, 3) uint8, valid: (H, W) bool or None, and empty: (H, W) uint8 or None are as in
+    core.data.photos.pixels.LoadedPhoto.
     """
 
     photo: Photo
@@ -105,8 +105,8 @@ def load_sized_photo(
 ) -> SizedPhoto:
     """Decode a photo at the size that it is trained at; BadInput if it is missing or damaged.
 
-    device: of the encoder's input; the pixels stay in the machine's own memory.
-    transparent_is_empty: as `load_photo` has it.
+    device: of the encoder's input; the pixels stay in the machine's own memory. transparent_is_empty: as `load_photo`
+    has it.
     """
     camera = sizes.camera(photo)
     loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty)

@@ -1,7 +1,7 @@
 """One training step, from a photo to the update of networks and Gaussians, in the order in which it happens.
 
-A name in `_later` is a result that may still be in computation on another thread or stream:
-calling it waits for the result.
+A name in `_later` is a result that may still be in computation on another thread or stream: calling it waits for the
+result.
 """
 
 from collections.abc import Callable
@@ -77,8 +77,8 @@ class StepInputs:
 class PreparedStep:
     """A step that is ready to be taken: its random numbers are drawn.
 
-    inputs: makes its StepInputs from largest_loss, mask_mean and neutral,
-    which are known only once the previous step is over.
+    inputs: makes its StepInputs from largest_loss, mask_mean and neutral, which are known only once the previous step
+    is over.
     """
 
     moment: Moment

@@ -50,11 +50,10 @@ class Draw:
 class StepReport:
     """What a step tells the user; all but the messages are columns of history.csv.
 
-    step: steps done, this one included. seconds: of training until now,
-    without the checks of held-out photos. gaussians: without the
-    sky. loss: what the step minimised, of which picture_loss is the picture's part. mask_mean: running mean of the
-    masks, 1 where nothing is hidden. residual: mean absolute residual of the harmonics. held_out_psnr (dB),
-    held_out_ssim: None where this step has no check. messages: decisions and warnings worth a line.
+    step: steps done, this one included. seconds: of training until now, without the checks of held-out photos.
+    gaussians: without the sky. loss: what the step minimised, of which picture_loss is the picture's part. mask_mean:
+    running mean of the masks, 1 where nothing is hidden. residual: mean absolute residual of the harmonics.
+    held_out_psnr (dB), held_out_ssim: None where this step has no check. messages: decisions and warnings worth a line.
     """
 
     step: int

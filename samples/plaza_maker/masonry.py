@@ -1,8 +1,8 @@
 """The building's materials: stone, brick, tiles, glass, relief.
 Each is a function of points on a solid that returns their Surface.
 
-point, normal: (3, N), in the solid's local metres. footprint: (N,) metres that a sample spans.
-params: those of the solid.
+point, normal: (3, N), in the solid's local metres. footprint: (N,) metres that a sample spans. params: those of the
+solid.
 """
 
 from functools import cache

@@ -109,8 +109,8 @@ class Again:
     """Stands for a Recorder: where a GPU would replay, it does the work again,
     on the tensors and Python numbers that it was recorded with.
 
-    full: whether memory is too short to record. recorded: how many recordings were made.
-    attempt: of the recording that failed, what it made.
+    full: whether memory is too short to record. recorded: how many recordings were made. attempt: of the recording that
+    failed, what it made.
     """
 
     full, recorded, attempt = False, 0, None

@@ -119,8 +119,8 @@ def opened(path: Path) -> Iterator[tuple[Header, Image.Image]]:
     """The header of a photo file and its picture, not decoded yet;
     whatever decoding raises in the block becomes BadInput.
 
-    Raises BadInput like `probe`: a truncated JPEG would be decoded with its lower part grey,
-    and a truncated HEIF might end the program.
+    Raises BadInput like `probe`: a truncated JPEG would be decoded with its lower part grey, and a truncated HEIF might
+    end the program.
     """
     try:
         with open(path, "rb") as file:

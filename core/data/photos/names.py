@@ -91,8 +91,8 @@ def relative_path(name: str) -> Path:
     """A photo's name as a path that stays inside the folder that it is joined to:
     some models name photos by whole paths, or with `..`.
 
-    Of an absolute path only the file name is kept;
-    on Windows, also of one with only a drive or a root, which would replace the folder.
+    Of an absolute path only the file name is kept; on Windows, also of one with only a drive or a root, which would
+    replace the folder.
     """
     path = Path(name.replace("\\", "/"))  # some were written on Windows
     return Path(path.name) if path.anchor else Path(*(part for part in path.parts if part != ".."))

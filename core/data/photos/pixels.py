@@ -31,8 +31,8 @@ class LoadedPhoto:
     """What a photo's file shows. pixels: (h, w, 3) uint8 RGB.
     valid: (h, w) bool, False where the photo shows nothing; None where all is valid.
 
-    empty: (h, w) uint8, how much of each pixel is empty space, shown as white: 255 all of it;
-    None where nothing is empty.
+    empty: (h, w) uint8, how much of each pixel is empty space, shown as white: 255 all of it; None where nothing is
+    empty.
     """
 
     pixels: np.ndarray

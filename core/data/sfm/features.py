@@ -38,8 +38,8 @@ HALF = 128  # of 255: features are extracted where less of a pixel than this is 
 def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report) -> dict[str, tuple[Photo, Camera]]:
     """Write the pictures that `extract` reads; returns, by a picture's name, its photo and the camera at its size.
 
-    Their names are numbers, because COLMAP splits its list of pairs at spaces.
-    Photos that cannot be decoded are left out.
+    Their names are numbers, because COLMAP splits its list of pairs at spaces. Photos that cannot be decoded are left
+    out.
     """
     cameras = {}
     for number, (photo, camera) in enumerate(posed, 1):

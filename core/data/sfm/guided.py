@@ -1,8 +1,8 @@
 """Guided matching: features of two photos are matched once more,
 each only with those that lie where the geometry of the pair puts it.
 
-COLMAP can do this, too, but compares all descriptors and takes a second a pair.
-Here most are ruled out by their place first: 20 times as fast.
+COLMAP can do this, too, but compares all descriptors and takes a second a pair. Here most are ruled out by their place
+first: 20 times as fast.
 """
 
 from collections.abc import Sequence

@@ -28,9 +28,8 @@ NO_POINT = -1
 class Landmarks:
     """The features of all photos, one photo after the other.
 
-    descriptors: (n, 128) uint8, as COLMAP has them.
-    shows: (n,) int64, which row of `points` each feature shows, or NO_POINT.
-    counts: (photos,) int64, how many features each photo has. points: (p, 3) float64, scene frame.
+    descriptors: (n, 128) uint8, as COLMAP has them. shows: (n,) int64, which row of `points` each feature shows, or
+    NO_POINT. counts: (photos,) int64, how many features each photo has. points: (p, 3) float64, scene frame.
     """
 
     descriptors: np.ndarray

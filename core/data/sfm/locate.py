@@ -47,8 +47,8 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
     Features are matched with the landmarks photo by photo; each match pairs a pixel with a point, and the camera
     follows from these pairs (P3P, or P4P if the focal length is unknown, in LO-RANSAC). If more features agree once the
     photo is mirrored, it shows another place. mask: a picture, white where the photo is to be used.
-    The result is the same for any number of threads.
-    Raises BadInput for a photo that cannot be read, or that its mask hides altogether.
+    The result is the same for any number of threads. Raises BadInput for a photo that cannot be read, or that its mask
+    hides altogether.
     """
     width, height = probe(path).displayed
     long_side = max(width, height)

@@ -74,8 +74,8 @@ def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
     """The pairs (first > second) of cameras whose photos are worth matching;
     their number is linear in that of the cameras.
 
-    Of those that look in about the same direction, each camera is paired with the NEAREST ones, for detail,
-    and SPREAD others, for wide angles.
+    Of those that look in about the same direction, each camera is paired with the NEAREST ones, for detail, and SPREAD
+    others, for wide angles.
     """
     centres = np.array([camera.centre for camera in cameras])
     forward = np.array([camera.world_to_camera[2] for camera in cameras])

@@ -92,8 +92,8 @@ def clamped(alpha):
 def blended(light, alpha):
     """A splat over what is left of the light: (goes on, weight, the light behind it), eight pixels at a time.
 
-    light is negative once its pixel is finished (or lies outside the picture),
-    so that it then fails the test against STOP for good.
+    light is negative once its pixel is finished (or lies outside the picture), so that it then fails the test against
+    STOP for good.
     """
     # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.
     left_over = light * (broadcast(ONE) - alpha)

@@ -46,8 +46,8 @@ def blend_forward(
     taken: (tiles,) int64, shared by all threads; the tiles that still have a zero are drawn, from `first` on in steps
     of `step`, 1 or -1. drawn_chunks: (slots,) uint32, zeros; becomes the chunks that each splat touches and that were
     unfinished when its batch began. Some of them may be finished before it is its turn: the backward pass, which goes
-    the same way, finds that out again.
-    strongest: (slots,) float32 for the largest alpha * transmittance of each, or empty where it is not wanted.
+    the same way, finds that out again. strongest: (slots,) float32 for the largest alpha * transmittance of each, or
+    empty where it is not wanted.
     """
     height, width = image.shape[:2]
     columns = (width + TILE - 1) // TILE

@@ -200,8 +200,7 @@ def project(
 
     rows: (V,) int64. tile_counts: (V,) int32, the number of tiles that each touches. Of the culled only this is
     written, a zero. tile_loads: (tiles,) int32, of this block, to which it adds how many of the Gaussians touch each
-    tile.
-    probe: (V, 2) float32, added to the centres (px), or empty.
+    tile. probe: (V, 2) float32, added to the centres (px), or empty.
     """
     columns = (size[0] + layout.TILE - 1) // layout.TILE
     for place in range(begin, end):

@@ -11,8 +11,8 @@ from core.scene.camera import Camera
 class View(NamedTuple):
     """What kernels take of a camera, in their order.
 
-    rotation: (3, 3) float64, world to camera. centre: scene units. lens: fx, fy, cx, cy, px.
-    limits: see `jacobian_limits`. size: width, height, px.
+    rotation: (3, 3) float64, world to camera. centre: scene units. lens: fx, fy, cx, cy, px. limits: see
+    `jacobian_limits`. size: width, height, px.
     """
 
     rotation: np.ndarray

@@ -9,8 +9,7 @@ No kernel uses atomics: a tile writes its sums to slots of its own, which are th
 pictures and gradients are the same bits in every run on one machine. Fused multiply-adds are never left to the
 compiler's choice (UNFUSED in triton_launch.py) where kernels have to agree, as counting tiles and listing them: they
 could otherwise round differently. Blending agrees forward and backward because what both compute (blend.py) has nothing
-left to
-fuse: its backward pass may fuse what it does with that. Loops are written with `while`: the interpreter of Triton 3.6
-cannot take the bound of a `range` from a tensor under NumPy 2.4. Constants stand on the right of tensors: in the
-interpreter of later ones `constant * tensor` is a constant that no function of Triton takes.
+left to fuse: its backward pass may fuse what it does with that. Loops are written with `while`: the interpreter of
+Triton 3.6 cannot take the bound of a `range` from a tensor under NumPy 2.4. Constants stand on the right of tensors: in
+the interpreter of later ones `constant * tensor` is a constant that no function of Triton takes.
 """

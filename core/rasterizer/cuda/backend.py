@@ -189,8 +189,8 @@ class _Render(torch.autograd.Function):
 class Prepared:
     """What lies between projection and blending, kept for the backward pass.
 
-    width, height: of the picture, px. footprints:
-    (N, layout.FOOTPRINT_COLUMNS), set where Gaussians touch a tile. tile_counts: (N,) int32.
+    width, height: of the picture, px. footprints: (N, layout.FOOTPRINT_COLUMNS), set where Gaussians touch a tile.
+    tile_counts: (N,) int32.
     """
 
     view: Tensor

@@ -29,12 +29,11 @@ class TileLists:
     """The slots, numbered Gaussian by Gaussian, and the entries, which are the same pairs tile by tile, front to back.
 
     order: (N,) int64, the Gaussians front to back, those without a tile among or behind them.
-    slot_starts: (N + 1,) int64: Gaussian order[p] has the slots slot_starts[p] to slot_starts[p + 1].
-    owners: (slots,) int32, the Gaussian of each slot.
-    tile_starts: (tiles + 1,) int64: tile t has the entries tile_starts[t] to tile_starts[t + 1].
-    entry_slots: (slots,) int64, entry_splats: (slots,) int32, the slot and the Gaussian of each entry.
-    Slots behind the last Gaussian's, where there is more room than was needed,
-    belong to the tile behind the last one and, in name, to Gaussian 0.
+    slot_starts: (N + 1,) int64: Gaussian order[p] has the slots slot_starts[p] to slot_starts[p + 1]. owners: (slots,)
+    int32, the Gaussian of each slot.
+    tile_starts: (tiles + 1,) int64: tile t has the entries tile_starts[t] to tile_starts[t + 1]. entry_slots: (slots,)
+    int64, entry_splats: (slots,) int32, the slot and the Gaussian of each entry. Slots behind the last Gaussian's,
+    where there is more room than was needed, belong to the tile behind the last one and, in name, to Gaussian 0.
     """
 
     order: Tensor

@@ -94,8 +94,8 @@ def blended(light, alpha):
     """A splat over what is left of the light: (alpha or 0 where the pixel is finished, weight,
     the light behind it, 1 - alpha).
 
-    light is negative once its pixel is finished (or lies outside the picture),
-    so that it then fails the test against STOP for good.
+    light is negative once its pixel is finished (or lies outside the picture), so that it then fails the test against
+    STOP for good.
     """
     let_through = 1.0 - alpha
     # Not light - alpha * light, which behind an opaque splat is a difference of nearly equal numbers.

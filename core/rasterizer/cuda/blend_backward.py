@@ -121,8 +121,8 @@ def sums_of(shape, colour, v, light, behind, x, y, lane):
 def over_pixels(g, ge, gee, gy, gey, gyy, red, green, blue, lane):
     """The sums over all pixels, each in the lanes for which `column_of` says so, in this order, which is the slots'.
 
-    At every halving of the warp a lane keeps one value of two and hands on the other:
-    twelve shuffles, where nine sums by themselves take 45.
+    At every halving of the warp a lane keeps one value of two and hands on the other: twelve shuffles, where nine sums
+    by themselves take 45.
     """
     g, ge, gee, gy, gey, gyy = (
         over_rows(g),

@@ -72,8 +72,8 @@ def direction_gradient(to_basis, direction, COEFFICIENTS: tl.constexpr):
 def load_sh(sh, row, known, COEFFICIENTS: tl.constexpr):
     """The coefficients of Gaussian `row`, a tuple of (red, green, blue), zeros where `known` is false.
 
-    Rows are far apart, so that every load of a warp touches as many lines of the cache as it has lanes:
-    the fewer loads, the better.
+    Rows are far apart, so that every load of a warp touches as many lines of the cache as it has lanes: the fewer
+    loads, the better.
     """
     coefficients = ()
     if COEFFICIENTS % 4 == 0:

@@ -79,8 +79,8 @@ def project(
     """Write the footprints (N, footprint.COLUMNS) of the Gaussians, their depths
     (N,) and how many tiles each touches (N,).
 
-    Of the culled no footprint is written, a depth of infinity, and a count of 0.
-    probe: (N, 2), added to the centres (px); read if PROBED.
+    Of the culled no footprint is written, a depth of infinity, and a count of 0. probe: (N, 2), added to the centres
+    (px); read if PROBED.
     """
     row = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known = row < count

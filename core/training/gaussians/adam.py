@@ -54,9 +54,8 @@ def corrections(count: int) -> np.ndarray:
 
 
 class Moved(NamedTuple):
-    """One tensor to be moved. values, first, second: (N, ...) float32 parameters and moments.
-    gradient: (V, ...), finite.
-    rates: one learning rate for each element of a row.
+    """One tensor to be moved. values, first, second: (N, ...) float32 parameters and moments. gradient: (V, ...),
+    finite. rates: one learning rate for each element of a row.
     """
 
     values: Tensor

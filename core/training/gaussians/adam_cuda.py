@@ -28,9 +28,8 @@ def update(
     """`adam.adam_rows` for `count` rows of tuples of arrays but those of -1, if `taken` () is true;
     each program has ROWS of them to itself.
 
-    COLUMNS: of each array. FREE: how many of these move from row `solid` on.
-    rates: those of all arrays, one behind the other.
-    corrections: (UPDATES, 2), by number of updates.
+    COLUMNS: of each array. FREE: how many of these move from row `solid` on. rates: those of all arrays, one behind the
+    other. corrections: (UPDATES, 2), by number of updates.
     """
     if tl.load(taken) != 0:
         begin = tl.program_id(0) * ROWS

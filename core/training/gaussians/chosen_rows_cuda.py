@@ -1,7 +1,7 @@
 """Chosen rows of tensors on a GPU, in one launch for all: core.training.gaussians.chosen_rows.
 
-torch's index_select starts a small program for every row of every tensor,
-which takes seven times as long as moving the rows.
+torch's index_select starts a small program for every row of every tensor, which takes seven times as long as moving the
+rows.
 """
 
 import math

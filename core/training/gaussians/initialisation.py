@@ -48,8 +48,8 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
 def sky_dome(collection: Collection, settings: Settings) -> Splats:
     """Opaque discs on a sphere around scene and cameras: a sky that is made of Gaussians is in every exported file.
 
-    Spread by the Fibonacci lattice. A disc is as wide as the lattice is spaced:
-    so many overlap that on average less than 1e-3 of what is behind shines through.
+    Spread by the Fibonacci lattice. A disc is as wide as the lattice is spaced: so many overlap that on average less
+    than 1e-3 of what is behind shines through.
     """
     count = settings.sky_gaussians
     # A dome too far off has holes, because rasterizers clamp the size of its discs (LOG_SCALE_RANGE). Hence the range

@@ -26,8 +26,8 @@ def passers_by(
 ) -> Bool[Tensor, " n"]:
     """Which Gaussians stand for passers-by. photos: the camera of each, and its mask at any size, 1 = static.
 
-    Fewer than FEW photos hide one: their effective number is (sum x)^2 / sum x^2,
-    x being its share of what the mask hides of a photo.
+    Fewer than FEW photos hide one: their effective number is (sum x)^2 / sum x^2, x being its share of what the mask
+    hides of a photo.
     """
     shown, hidden, squares = splats.means.new_zeros(3, len(splats))
     for camera, mask in photos:

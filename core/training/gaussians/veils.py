@@ -1,7 +1,7 @@
 """Veils: Gaussians that cover hardly anything of any photo, but much of the view from beside one.
 
-Photos say little of the space close to other cameras.
-What floats there costs no loss, but blocks the view of anyone who steps aside.
+Photos say little of the space close to other cameras. What floats there costs no loss, but blocks the view of anyone
+who steps aside.
 """
 
 from collections.abc import Sequence

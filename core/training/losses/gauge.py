@@ -1,8 +1,8 @@
 """The loss that holds the base SH at the neutral look, that of the mean embedding,
 by holding the residual of that embedding at zero.
 
-Without it they could drift: what the base gains and all residuals lose changes no picture.
-Physics calls such a choice fixing a gauge.
+Without it they could drift: what the base gains and all residuals lose changes no picture. Physics calls such a choice
+fixing a gauge.
 """
 
 import torch

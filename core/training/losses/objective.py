@@ -92,8 +92,8 @@ class Objective:
     ) -> Float[Tensor, ""]:
         """L_regTS, if this step has it: the summed opacity of `regularisers.transient_rows`.
 
-        splats: the visible Gaussians in the look. view: the step's camera as an array, see core.rasterizer.view.
-        known: see `rasterizer.Visible`.
+        splats: the visible Gaussians in the look. view: the step's camera as an array, see core.rasterizer.view. known:
+        see `rasterizer.Visible`.
         """
         if mask is None or not self.has_transient_loss(moment):
             return self.zero

@@ -1,8 +1,8 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results.json,
-per_view.json and sheet.png of either protocol are ours.
+history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of
+either protocol are ours.
 """
 
 import os
@@ -137,8 +137,8 @@ def check_writable(folder: Path, option: str = "--run") -> None:
 def create(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
     """Make the folder of a new run, in place of an older run, and write all that is known before the first step.
 
-    Where that fails, nothing is left in it. config.json comes first:
-    whatever a kill leaves is a run, which can go on or be replaced.
+    Where that fails, nothing is left in it. config.json comes first: whatever a kill leaves is a run, which can go on
+    or be replaced.
     """
     _clear(folder)
     folder.mkdir(parents=True, exist_ok=True)

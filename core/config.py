@@ -60,8 +60,7 @@ class Settings:
     resolution: int = setting(
         UNDECIDED,
         "Size of the photos in training. 1, 2, 4 or 8: divided by that; larger numbers: a width in px. "
-        "auto: shrunk to a mean of "
-        f"{AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
+        f"auto: shrunk to a mean of {AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
         low=1,
         auto=True,
     )

@@ -18,9 +18,8 @@ from wegs_cli.options import DEFAULT_RUN, InputPath
 @click.option(
     "--protocol",
     type=click.Choice(list(PROTOCOLS)),
-    help="half: read the look from the left half of a test photo, score the right half; full: "
-    "the whole photo for both.  "
-    "[default: half; with --curve, both]",
+    help="half: read the look from the left half of a test photo, score the right half; "
+    "full: the whole photo for both.  [default: half; with --curve, both]",
 )
 @click.option("--no-refine", is_flag=True, help="Score only the look that the encoder reads (zero-shot).")
 @click.option("--pictures", is_flag=True, help="Also write every render and photo as PNG into pictures/ in the run.")

@@ -32,9 +32,9 @@ from core.evaluation.protocols import measure
 from core.looks.held_out_views import over_views
 from core.looks.trained import TrainedRun, load_run
 from core.report import Report
+from core.run import run_folders
 from core.system.atomic import write_json
 from core.system.outputs import check_file
-from core.training.on_disk import run_folders
 from core.training.sized_photos import SizedPhotos
 from samples.measurements import arguments, markdown, peer
 from samples.measurements.peer_training import CONTROLS, STEPS, trained_by

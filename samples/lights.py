@@ -41,11 +41,11 @@ from core.looks.find_look import check_known, find_look, look_of_photo
 from core.looks.refined_look import refined
 from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run, neutral_look
 from core.report import Report
+from core.run import run_folders
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system.atomic import write_bytes
 from core.system.outputs import check_replaceable
-from core.training.on_disk import run_folders
 from core.words import counted
 from samples.measurements import arguments
 from wegs_cli.main import OneLineErrors

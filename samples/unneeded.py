@@ -28,7 +28,7 @@ import click
 from core import pipeline
 from core.config import Settings
 from core.looks.trained import load_run
-from core.training.on_disk import checkpoint, run_folders
+from core.run import checkpoint, run_folders
 from samples.measurements import arguments, markdown
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal

@@ -10,7 +10,7 @@ from core.errors import BadInput
 from core.export.pictures import write_png
 from core.looks.find_look import find_look
 from core.looks.trained import load_run
-from core.training.on_disk import run_config
+from core.run import run_config
 from tests.data.small_scene import SmallScene
 from tests.heard import StopsAtStep
 from tests.small import give_to_pipeline, small_collection, small_settings

@@ -11,7 +11,7 @@ import torch
 from core import pipeline
 from core.doctor import examine
 from core.looks.trained import load_run
-from core.training.on_disk import checkpoint
+from core.run import checkpoint
 from tests.data.converted import write_blender, write_nerf_osr, write_nerfstudio
 from tests.data.room_corner import write_corner
 from tests.data.small_scene import SmallScene

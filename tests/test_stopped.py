@@ -14,8 +14,8 @@ from core import pipeline
 from core.errors import DiskFull, TrainingStopped, disk_full
 from core.pipeline import evaluating, training
 from core.rasterizer.inputs import ListsTooLarge
+from core.run import checkpoint, history, run_folders
 from core.training.interrupt import HANG_UP
-from core.training.on_disk import checkpoint, history, mask_files, run_folders
 from core.training.rescue import saved_if_room_runs_out
 from core.training.trainer import Trainer
 from tests.failing import failing
@@ -113,7 +113,7 @@ def test_closing_the_terminal_saves_the_step_and_stops(scene, tmp_path):
 
 def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(mask_files, "write_masks", failing(KeyboardInterrupt))
+        patch.setattr("core.pipeline.training.write_masks", failing(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt, match="All steps are kept; finish with: wegs train --resume -o"):
             pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
     assert not (tmp_path / "run" / CLOUD).exists()

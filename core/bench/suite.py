@@ -21,9 +21,9 @@ from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.pipeline.opened import open_run
 from core.presets import PRESETS, preset
 from core.report import Report
+from core.run import run_folders
 from core.setting import UNDECIDED
 from core.system.atomic import room_in, scratch
-from core.training.on_disk import run_folders
 from core.training.trainer import Trainer
 
 OF_RUN = "rendering-run"  # the rendering figure of a run's own cameras

@@ -7,8 +7,8 @@ from pathlib import Path
 from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.errors import BadInput
-from core.training.on_disk import checkpoint, history
-from core.training.on_disk.run_config import read_config
+from core.run import checkpoint, history
+from core.run.run_config import read_config
 
 QUANTITIES = (
     Quantity("seconds", "s of training", "log"),

@@ -13,9 +13,9 @@ from core.words import list_names
 
 CONFIG = "config.json"  # of a run
 MADE_OF = "photos.json"  # of a scene made of plain photos: these files
-# What other layers write into a run. Named here, as core.training.on_disk.run_folders, which deletes it all when a run
+# What other layers write into a run. Named here, as core.run.run_folders, which deletes it all when a run
 # is replaced, cannot import them. EVALUATED: by protocol.
-LOOKS, PICTURES, CURVES = "appearance", "pictures", "curves"
+MASKS, LOOKS, PICTURES, CURVES = "masks", "appearance", "pictures", "curves"
 EVALUATED = {
     "half": ("results.json", "per_view.json", "sheet.png"),
     "full": ("results_full.json", "per_view_full.json", "sheet_full.png"),

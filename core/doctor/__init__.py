@@ -9,7 +9,7 @@ from core.doctor.run import examine_run
 from core.doctor.scene import examine_scene
 from core.errors import BadInput
 from core.report import Report
-from core.training.on_disk import run_folders
+from core.run import run_folders
 
 PACKED = (".sog", ".spz", ".splat", ".ksplat")  # Gaussians in other formats
 

@@ -17,10 +17,10 @@ from core.errors import BadInput, command
 from core.export.ply import BYTES_PER_GAUSSIAN
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.report import Report
+from core.run import checkpoint, history, run_folders
 from core.training import schedule
 from core.training.gaussians import densify
 from core.training.losses.mask_weights import LEAST_STATIC
-from core.training.on_disk import checkpoint, history, run_folders
 from core.words import counted
 
 MOST_PHOTOS = 64  # whose looks are checked, evenly spread

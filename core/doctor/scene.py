@@ -24,7 +24,7 @@ from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
-from core.training.transparency import transparent_may_be_empty
+from core.run.transparency import transparent_may_be_empty
 from core.words import Note, counted, list_names
 
 FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself demands 15 to 30

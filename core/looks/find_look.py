@@ -23,7 +23,7 @@ from core.looks.outside import light_in_words, read_from_outside
 from core.looks.refined_look import not_refined, refined_of_collection, refined_outside
 from core.looks.trained import NEUTRAL, Look, TrainedRun, neutral_look
 from core.report import QUIET, Report
-from core.training.sized_photos import SizedPhoto
+from core.run.sized_photo import SizedPhoto
 
 SMALLEST_PHOTO_PX = 16  # of the shorter side; in a smaller photo, light could not be told from noise
 

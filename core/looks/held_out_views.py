@@ -10,7 +10,7 @@ from core.evaluation.protocols import HeldOutView
 from core.evaluation.truth import load_truth
 from core.looks.trained import TrainedRun
 from core.report import Report
-from core.training.sized_photos import as_tensors
+from core.run.sized_photo import as_tensors
 from core.words import name_them
 
 Measured = TypeVar("Measured")

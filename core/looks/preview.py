@@ -8,8 +8,8 @@ from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, to_8_bit, write_png
 from core.looks.find_look import look_of_photo
 from core.looks.trained import TrainedRun, bake, drawn, neutral_look
-from core.training.on_disk.run_folders import PREVIEW
-from core.training.sized_photos import SizedPhoto
+from core.run.run_folders import PREVIEW
+from core.run.sized_photo import SizedPhoto
 
 PHOTOS = 4
 

@@ -18,9 +18,9 @@ from core.errors import BadInput, WegsError
 from core.evaluation.subject import last, refining_to
 from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
+from core.run.run_config import check_same_run, scene_gone
+from core.run.sized_photo import SizedPhoto, as_tensors
 from core.scene.camera import Camera
-from core.training.on_disk.run_config import check_same_run, scene_gone
-from core.training.sized_photos import SizedPhoto, as_tensors
 from core.words import counted
 
 

@@ -13,9 +13,9 @@ from core.data.collection import Collection
 from core.data.made import LOOKS
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
+from core.run.run_folders import check_writable
 from core.system.atomic import write_json
 from core.system.device import CPU
-from core.training.on_disk.run_folders import check_writable
 from core.words import counted
 
 LARGEST = 1e6  # far beyond any number of a look; much larger ones would overflow

@@ -19,15 +19,15 @@ from core.errors import BadInput
 from core.looks.run_view import RunView
 from core.looks.smooth_sky import SmoothSky
 from core.rasterizer import Colour, Rasterizer
+from core.run import checkpoint, run_config
+from core.run.background import background_of_figures
+from core.run.run_state import RunState
+from core.run.sized_photo import SizedPhoto, Sizes, load_sized_photo
+from core.run.transparency import transparent_is_empty
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system import device
-from core.training.background import background_of_figures
 from core.training.gaussians.gaussians import Gaussians
-from core.training.on_disk import checkpoint, run_config
-from core.training.run_state import RunState
-from core.training.sized_photos import SizedPhoto, Sizes, load_sized_photo
-from core.training.transparency import transparent_is_empty
 
 NEUTRAL = "neutral"  # the name of the look that every run has; no other can have it
 

@@ -11,8 +11,8 @@ from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
+from core.run.run_config import check_same_run
 from core.system.outputs import check_replaceable
-from core.training.on_disk.run_config import check_same_run
 from core.words import counted
 
 VIEWER = "https://superspl.at/editor"

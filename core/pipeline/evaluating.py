@@ -19,9 +19,9 @@ from core.looks.held_out_views import over_views
 from core.looks.trained import TrainedRun
 from core.pipeline.opened import open_run
 from core.report import QUIET, Report
+from core.run import run_folders
+from core.run.run_config import check_same_run
 from core.system.atomic import adding
-from core.training.on_disk import run_folders
-from core.training.on_disk.run_config import check_same_run
 from core.words import counted
 
 

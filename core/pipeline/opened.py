@@ -4,7 +4,7 @@ from pathlib import Path
 
 from core.looks.trained import TrainedRun, load_run
 from core.report import Report
-from core.training.on_disk import checkpoint, run_config, run_folders
+from core.run import checkpoint, run_config, run_folders
 from core.words import list_names
 
 ONE_LOOK = "This run was trained without appearance: all its looks are one."

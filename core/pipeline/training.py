@@ -7,7 +7,7 @@ from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection
 from core.data.given_masks import check_masks, with_masks_in, with_same_masks
-from core.data.made import scene_beside
+from core.data.made import MASKS, scene_beside
 from core.data.photos.folder import list_photos
 from core.data.prepare import prepared
 from core.errors import BadInput, DiskFull, as_disk_full, command
@@ -17,13 +17,14 @@ from core.looks.preview import write_preview
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run, neutral_look
 from core.report import QUIET, Report
+from core.run import checkpoint, history, run_config, run_folders, viewer_files
+from core.run.claim import held, new_run
+from core.run.sized_photo import check_resolution
 from core.system import device
 from core.system.outputs import check_apart
 from core.training.interrupt import StopRequest
-from core.training.on_disk import checkpoint, history, mask_files, run_config, run_folders, viewer_files
-from core.training.on_disk.claim import held, new_run
+from core.training.mask_files import write_masks
 from core.training.rescue import saved_if_room_runs_out
-from core.training.sized_photos import check_resolution
 from core.training.tell import next_step, tell_collection, tell_plan, tell_step
 from core.training.trainer import Trainer
 from core.words import counted, list_names
@@ -150,7 +151,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     folder = trainer.folder
     trained = load_run(folder)
     neutral = run_folders.point_cloud_path(folder, trained.step)
-    masks = mask_files.write_masks(folder, trainer.model, trainer.photos, report)
+    masks = write_masks(folder, trainer.model, trainer.photos, report)
     preview = write_preview(trained, trainer.photos)
     write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [
@@ -160,7 +161,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
         ("neutral look", f"{neutral} ({neutral.stat().st_size / 1e6:.1f} MB)"),
     ]
     if masks:
-        rows.append(("masks", str(folder / mask_files.FOLDER)))
+        rows.append(("masks", str(folder / MASKS)))
     rows.append(("to look at", str(preview)))
     report.table("Done", rows)
     if earlier := measured_earlier(folder, trained.identity, trained.step):

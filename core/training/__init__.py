@@ -2,11 +2,10 @@
 
 the loop         trainer, step, step_cuda, moment, schedule, guards, held_out
 what is decided  decisions, evidence, sightings
-photos           sized_photos, transparency, background, jitter
+photos           sized_photos, jitter
 networks         network_updates
-for the user     tell, progress, interrupt, rescue
+for the user     tell, progress, interrupt, rescue, mask_files
 
 losses/          what a step minimises: objective, and the losses it weighs
 gaussians/       how they begin, move, grow in number and are removed
-on_disk/         the run folder: settings, checkpoints, files for viewers
 """

@@ -4,14 +4,14 @@ Where the figures are uncertain a part is kept: a part too many costs time, one 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from core.config import Settings, budget
+from core.run.decision import Decision
+from core.run.sized_photo import SizedPhoto
+from core.run.transparency import transparent_is_empty
 from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
-from core.training.sized_photos import SizedPhoto
-from core.training.transparency import transparent_is_empty
 from core.words import counted
 
 # 8-bit steps. Against no looks, the exposure mode (zero-shot, half protocol, held-out training photos) lost 1.9 dB at
@@ -32,17 +32,6 @@ LEAST_VIEW_DEPENDENCE = 0.1
 TOO_FEW = "too few points are known to be shared by photos to tell"
 FROM_EMPTY_SPACE = f"{TOO_FEW} what differs, and photos cut out of empty space are taken for renders in one light"
 USUAL_DEGREE = 1  # where nothing can be said; higher degrees need more views of a point than SfM tracks have
-
-
-@dataclass(frozen=True)
-class Decision:
-    """A setting that was left to the photos. figure: the measurement that decided it, None where too little was seen.
-    because: why, in words."""
-
-    setting: str
-    value: str | int
-    figure: float | None
-    because: str
 
 
 Judgement = tuple[str | int, float | None, str]  # value, figure and because of a Decision

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.run.sized_photo import SizedPhoto
 from core.training.sightings import FEWEST_PHOTOS, NEAR_DEGREES, Sightings, find_sightings, neighbours, rows_of_each
-from core.training.sized_photos import SizedPhoto
 
 FEWEST_SIGHTINGS = 600
 FEWEST_IN_PHOTO = 40  # matches, against the 6 unknowns of its exposure

@@ -7,10 +7,11 @@ import torch
 from core.appearance.model import AppearanceModel
 from core.evaluation.metrics import psnr
 from core.rasterizer import Colour, Rasterizer
+from core.run.sized_photo import as_tensors
 from core.system.threads import threads_for_blocks
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses.photometric import Target, photometric
-from core.training.sized_photos import SizedPhotos, as_tensors
+from core.training.sized_photos import SizedPhotos
 
 
 @torch.no_grad()

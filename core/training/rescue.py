@@ -7,7 +7,7 @@ from pathlib import Path
 
 from core.errors import LESS_MEMORY, DiskFull, TrainingStopped, as_disk_full, as_out_of_memory, command
 from core.rasterizer.inputs import ListsTooLarge
-from core.training.on_disk.checkpoint import how_to_go_on
+from core.run.checkpoint import how_to_go_on
 from core.training.trainer import Trainer
 from core.words import counted
 

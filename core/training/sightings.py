@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.data.collection import spread_over
-from core.training.sized_photos import SizedPhoto
+from core.run.sized_photo import SizedPhoto
 
 MOST_PHOTOS, MOST_POINTS = 200, 5000  # spread evenly over the collection; beyond, figures hardly change and seconds do
 FEWEST_PHOTOS = 3  # that must have matched a point: of two photos that disagree none is right

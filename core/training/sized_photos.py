@@ -1,26 +1,20 @@
-"""Photos at the sizes that a run uses them at, each decoded once."""
+"""The photos of a training, each decoded once, and their targets."""
 
-import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
-from torch import Tensor
 
-from core.appearance.encoder import mask_size, shrink
-from core.config import AUTO_PIXELS, Settings
+from core.appearance.encoder import mask_size
 from core.data.collection import Photo
 from core.data.photos.file import fault_of
-from core.data.photos.pixels import load_photo
-from core.errors import BadInput, BadSetting
+from core.errors import BadInput
 from core.report import QUIET, Report
+from core.run.sized_photo import SizedPhoto, Sizes, as_tensors, load_sized_photo
 from core.scene.camera import Camera
-from core.setting import UNDECIDED
 from core.system import memory
 from core.system.device import CPU
 from core.system.threads import in_parallel, threads
@@ -28,101 +22,12 @@ from core.training.losses.canvas import TargetOnCanvas
 from core.training.losses.photometric import Target
 from core.words import Reasons
 
-DIVISORS = (1, 2, 4, 8)  # of the original project; any other number is a width
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
-SMALLEST_WIDTH_PX = 64  # below, a width is taken for a mistyped divisor
 DECODERS = 8  # threads at most, and one where memory is limited: a photo of 100 MP takes 1 GB while it is decoded
 PHOTOS_PER_DECODER = 8  # between two reports of progress
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 LEAST_FILLED = 0.4  # of a canvas, by the mean photo: upright and wide ones together fill three quarters, panoramas less
 TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
-
-
-def check_resolution(resolution: int) -> None:
-    """Raise BadSetting for a width in px at which photos show nothing:
-    most likely it was meant to divide their size."""
-    if resolution not in (UNDECIDED, *DIVISORS) and resolution < SMALLEST_WIDTH_PX:
-        raise BadSetting(
-            f"resolution={resolution} would make photos {resolution} px wide.",
-            f"Type -r 1, 2, 4 or 8 to divide their size, or a width of {SMALLEST_WIDTH_PX} px and more.",
-        )
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """What sizes the photos of a run are used at. resolution, encoder_side_px: the settings.
-    factor: divides where resolution is auto."""
-
-    resolution: int
-    factor: float
-    encoder_side_px: int
-
-    @staticmethod
-    def of(settings: Settings, photos: Sequence[Photo]) -> "Sizes":
-        """Of all photos of a collection: at -r auto the mean one gets the
-        AUTO_PIXELS of the device, and none is enlarged."""
-        mean = sum(photo.camera.width * photo.camera.height for photo in photos) / max(len(photos), 1)
-        most = AUTO_PIXELS["cuda" if settings.device == "cuda" else "cpu"]
-        return Sizes(settings.resolution, max(1.0, math.sqrt(mean / most)), settings.encoder_side_px)
-
-    def camera(self, photo: Photo) -> Camera:
-        """The camera of a photo at the size that it is trained at."""
-        width, height = photo.camera.width, photo.camera.height
-        if self.resolution == UNDECIDED:
-            factor = self.factor
-        elif self.resolution in DIVISORS:
-            factor = self.resolution
-        else:
-            factor = max(width / self.resolution, 1)
-        return photo.camera.resized(max(1, round(width / factor)), max(1, round(height / factor)))
-
-
-@dataclass(frozen=True)
-class SizedPhoto:
-    """A photo at the size that it is trained at. camera: at this size. encoder_input: (3, h, w).
-
-    pixels: (H, W, 3) uint8, valid: (H, W) bool or None, and empty: (H, W) uint8 or None are as in
-    core.data.photos.pixels.LoadedPhoto.
-    """
-
-    photo: Photo
-    pixels: np.ndarray
-    valid: np.ndarray | None
-    camera: Camera
-    encoder_input: Tensor
-    empty: np.ndarray | None = None
-
-    @property
-    def opaque(self) -> np.ndarray | None:
-        """(H, W) bool, where the pixels show nothing but the scene; None where all do."""
-        if self.empty is None:
-            return self.valid
-        return (self.empty == 0) & (True if self.valid is None else self.valid)
-
-
-def load_sized_photo(
-    photo: Photo, sizes: Sizes, device: torch.device = CPU, transparent_is_empty: bool = False
-) -> SizedPhoto:
-    """Decode a photo at the size that it is trained at; BadInput if it is missing or damaged.
-
-    device: of the encoder's input; the pixels stay in the machine's own memory. transparent_is_empty: as `load_photo`
-    has it.
-    """
-    camera = sizes.camera(photo)
-    loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty)
-    full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
-    return SizedPhoto(
-        photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty
-    )
-
-
-def as_tensors(
-    pixels: np.ndarray, valid: np.ndarray | None, device: torch.device
-) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
-    """The pixels in [0, 1], and where they are valid, on a device."""
-    return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(
-        device
-    )
 
 
 class SizedPhotos(Sequence[SizedPhoto]):

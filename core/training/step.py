@@ -17,10 +17,11 @@ from core.appearance.sh_transfer import TransferInput
 from core.config import Settings
 from core.rasterizer import Rasterizer, Visible
 from core.rasterizer.view import WIDTH, view_of
+from core.run.background import background_of_step
+from core.run.transparency import transparent_is_empty
 from core.system import threads
 from core.system.device import sent, sent_together
 from core.training import guards, network_updates, schedule
-from core.training.background import background_of_step
 from core.training.gaussians import densify
 from core.training.gaussians.gaussians import Gaussians, learning_rates, splats_of
 from core.training.guards import StepFacts
@@ -30,7 +31,6 @@ from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
 from core.training.moment import Moment
 from core.training.sized_photos import SizedPhotos
-from core.training.transparency import transparent_is_empty
 
 Result = TypeVar("Result")
 

@@ -6,9 +6,9 @@ from core.config import Settings
 from core.data.collection import Collection
 from core.errors import command
 from core.report import Report
+from core.run import run_folders
 from core.system import device
 from core.training.gaussians.initialisation import most_points
-from core.training.on_disk import run_folders
 from core.training.progress import tell_progress
 from core.training.trainer import StepReport, Trainer
 from core.words import counted

@@ -16,20 +16,21 @@ from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
 from core.report import QUIET, Report
+from core.run import checkpoint, history, run_folders
+from core.run.background import background_of_figures
+from core.run.run_state import RunState
+from core.run.sized_photo import Sizes
+from core.run.transparency import transparent_is_empty, transparent_may_be_empty
 from core.system import device
 from core.system.threads import one_torch_thread, threads_for_blocks
 from core.training import decisions, guards, held_out, network_updates, schedule
-from core.training.background import background_of_figures
 from core.training.density import DensityControl
 from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
-from core.training.on_disk import checkpoint, history, run_folders
-from core.training.run_state import RunState
-from core.training.sized_photos import SizedPhotos, Sizes
+from core.training.sized_photos import SizedPhotos
 from core.training.step import PreparedStep, Stepper
-from core.training.transparency import transparent_is_empty, transparent_may_be_empty
 
 SKIPS_TO_STOP = 10  # invalid steps in a row after which training stops
 HELD_OUT_PHOTOS = 4  # photos in a check of held-out quality

@@ -12,9 +12,9 @@ from core.data.split import TEST_LISTS
 from core.data.split_table import find_tables, read_split_table
 from core.errors import BadInput
 from core.report import Report
+from core.run import run_folders
 from core.system.atomic import replacing_folder, write_json
 from core.system.outputs import check_folder
-from core.training.on_disk import run_folders
 
 
 def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[str], report: Report) -> dict:

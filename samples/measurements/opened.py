@@ -5,7 +5,7 @@ from pathlib import Path
 from core.data.collection import Photo
 from core.errors import BadInput
 from core.looks.trained import TrainedRun, load_run
-from core.training.on_disk import run_folders
+from core.run import run_folders
 
 
 def opened(folder: Path | None) -> tuple[TrainedRun, tuple[Photo, ...]]:

@@ -4,7 +4,7 @@ import pytest
 
 from core.bench.training import Course, checks, training_figure
 from core.errors import BadInput
-from core.training.on_disk import checkpoint
+from core.run import checkpoint
 from tests.bench.conftest import CHECKS
 
 HEAD = "step,seconds,gaussians,loss,picture_loss,mask_mean,residual,held_out_psnr,held_out_ssim"

@@ -17,8 +17,8 @@ from core.data.given_masks import (
 )
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
+from core.run import run_config, run_folders
 from core.scene.lens import Lens
-from core.training.on_disk import run_config, run_folders
 from tests.data.checks import notes_with, texts_of
 from tests.data.photos.test_masked import save_mask
 from tests.data.photos.test_pixels import noise, save

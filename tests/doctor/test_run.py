@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from core import pipeline
 from core.doctor import Finding, examine
 from core.errors import BadInput
-from core.training.on_disk import checkpoint
+from core.run import checkpoint
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 from tests.doctor.examined import asked_for, examined
 from tests.doctor.test_ply import refuse

@@ -15,9 +15,9 @@ from core.looks.pruning import pruner_of
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
 from core.rasterizer.importance import largest_contributions, shares_of_picture
 from core.report import QUIET
+from core.run.sized_photo import as_tensors
 from core.system import device
 from core.training.gaussians.passers_by import passers_by
-from core.training.sized_photos import as_tensors
 from tests.elsewhere import DEVICE, Elsewhere, elsewhere, kernels
 from tests.small import finished, small_collection, small_settings
 

@@ -19,8 +19,8 @@ from core.evaluation import lpips, protocols
 from core.evaluation.lpips import Lpips
 from core.looks import held_out_views
 from core.pipeline import baking, evaluating
-from core.training.on_disk import checkpoint
-from core.training.on_disk.claim import held
+from core.run import checkpoint
+from core.run.claim import held
 from tests.evaluation.test_lpips import made_weights
 from tests.failing import failing
 from tests.heard import Heard

@@ -13,7 +13,7 @@ from core.errors import BadInput, BadSetting
 from core.export.ply import read_ply
 from core.looks.trained import load_run
 from core.pipeline import training
-from core.training.on_disk import checkpoint, run_folders
+from core.run import checkpoint, run_folders
 from tests.failing import DENIED, failing
 from tests.heard import Heard, StopsAtStep
 from tests.pipeline.conftest import STEPS
@@ -85,7 +85,7 @@ def test_no_checkpoint_stays_in_memory_while_a_resumed_run_is_trained(small_scen
 def test_a_run_killed_while_it_was_created_can_be_resumed(small_scene, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr("core.training.on_disk.viewer_files.write", failing(KeyboardInterrupt))
+        patch.setattr("core.run.viewer_files.write", failing(KeyboardInterrupt))
         patch.setattr(run_folders, "remove", lambda path: None)  # who is killed tidies nothing up
         pipeline.train(small_scene, small_settings(steps=STEPS), folder)
     assert [path.name for path in folder.iterdir()] == ["config.json"]

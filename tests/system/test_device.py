@@ -11,8 +11,8 @@ import torch
 from core.errors import BadInput, BadSetting
 from core.looks.trained import load_run
 from core.pipeline import resume
+from core.run import checkpoint, run_folders
 from core.system import device
-from core.training.on_disk import checkpoint, run_folders
 from core.training.trainer import Trainer
 from tests.small import small_collection, small_settings
 from wegs_cli.main import explain

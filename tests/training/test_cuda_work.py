@@ -10,13 +10,13 @@ import pytest
 import torch
 
 import core.rasterizer
+from core.config import AUTO_PIXELS
+from core.run import checkpoint
 from core.system import device
 from core.system.threads import beside
-from core.training import sized_photos
 from core.training.gaussians.gaussians import Gaussians
 from core.training.losses.objective import TRANSIENT_EVERY
 from core.training.losses.photometric import Target
-from core.training.on_disk import checkpoint
 from core.training.schedule import SHRINK_FACTORS
 from core.training.trainer import Trainer
 from tests.elsewhere import DEVICE, MixedDevices, elsewhere, kernels, watched
@@ -76,7 +76,7 @@ def trainer(tmp_path, monkeypatch, changes):
     rasterizer.device = DEVICE.type
     monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
     monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
-    monkeypatch.setitem(sized_photos.AUTO_PIXELS, DEVICE.type, sized_photos.AUTO_PIXELS["cpu"])
+    monkeypatch.setitem(AUTO_PIXELS, DEVICE.type, AUTO_PIXELS["cpu"])
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     # The kernels that tensors on a GPU go to.

@@ -7,7 +7,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from core.training.on_disk import checkpoint
+from core.run import checkpoint
 from tests.small import finished, small_collection, small_settings
 from wegs_cli.main import wegs
 

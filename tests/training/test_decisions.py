@@ -14,10 +14,11 @@ from core.config import Settings
 from core.data import load_collection
 from core.pipeline import training
 from core.presets import preset
+from core.run import checkpoint, run_config
+from core.run.sized_photo import Sizes
 from core.training import decisions
 from core.training.evidence import Evidence
-from core.training.on_disk import checkpoint, run_config
-from core.training.sized_photos import SizedPhotos, Sizes
+from core.training.sized_photos import SizedPhotos
 from core.training.trainer import Trainer
 from tests.data.converted import write_processed
 from tests.failing import failing

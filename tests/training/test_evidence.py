@@ -6,6 +6,7 @@ from functools import reduce
 import numpy as np
 import pytest
 
+from core.run.sized_photo import Sizes
 from core.training.evidence import (
     Evidence,
     exposed,
@@ -24,7 +25,7 @@ from core.training.sightings import (
     neighbours,
     rows_of_each,
 )
-from core.training.sized_photos import SizedPhotos, Sizes
+from core.training.sized_photos import SizedPhotos
 from tests.training.known_scene import HEIGHT, WIDTH, crowded, known_collection, plain
 
 PHOTOS, POINTS = 20, 300

@@ -13,9 +13,10 @@ from core.errors import BadInput
 from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.pipeline import training
-from core.training.on_disk import run_config
-from core.training.on_disk.mask_files import write_masks
-from core.training.sized_photos import SizedPhotos, Sizes
+from core.run import run_config
+from core.run.sized_photo import Sizes
+from core.training.mask_files import write_masks
+from core.training.sized_photos import SizedPhotos
 from core.training.trainer import Trainer
 from tests.failing import failing
 from tests.heard import Heard, StopsAtStep

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
+from core.run import checkpoint
 from core.scene.harmonics import dc_of_colour
-from core.training.on_disk import checkpoint
 from core.training.trainer import Trainer
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 

@@ -11,9 +11,10 @@ import pytest
 import torch
 
 from core.data.collection import GivenMask
+from core.run.sized_photo import Sizes
 from core.system import memory
 from core.training import sized_photos as module
-from core.training.sized_photos import SizedPhotos, Sizes
+from core.training.sized_photos import SizedPhotos
 from tests.heard import Heard
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 

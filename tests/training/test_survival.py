@@ -18,10 +18,10 @@ from core.export.ply import read_ply
 from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
 from core.rasterizer import create
+from core.run import checkpoint
 from core.training.gaussians.densify import ALL_GONE
 from core.training.losses import mask_weights
-from core.training.on_disk import checkpoint
-from core.training.on_disk.mask_files import write_masks
+from core.training.mask_files import write_masks
 from core.training.trainer import SKIPS_TO_STOP, Trainer
 from tests.data.checks import notes_with
 from tests.data.small_scene import SmallScene

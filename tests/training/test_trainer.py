@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from core.errors import BadInput
-from core.training.on_disk import checkpoint
+from core.run import checkpoint
 from core.training.trainer import Trainer
 from tests.small import damage, small_collection, small_settings
 

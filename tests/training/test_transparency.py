@@ -17,8 +17,8 @@ from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
 from core.looks.pruning import pruner_of
 from core.looks.trained import load_run
-from core.training.background import WHITE
-from core.training.on_disk import checkpoint, run_config
+from core.run import checkpoint, run_config
+from core.run.background import WHITE
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import small_collection, small_settings
@@ -62,7 +62,7 @@ def shines_through(trainer: Trainer) -> float:
 def test_the_space_around_the_object_becomes_empty(scene, tmp_path, monkeypatch):
     """0.84 of the light pass at the start, because of points where nothing is."""
     assert shines_through(trained(scene, tmp_path / "empty")) > 0.95  # 0.98
-    monkeypatch.setattr("core.training.transparency.EMPTY_IN", ())
+    monkeypatch.setattr("core.run.transparency.EMPTY_IN", ())
     # 0.77: what is not seen is not tidied.
     assert shines_through(trained(scene, tmp_path / "unseen", sky="none")) < 0.85
 

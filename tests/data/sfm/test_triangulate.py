@@ -22,8 +22,8 @@ from core.doctor import examine
 from core.errors import BadInput
 from core.looks.trained import TrainedRun
 from core.report import Report
+from core.run import run_config, run_folders
 from core.scene.camera import Camera
-from core.training.on_disk import run_config, run_folders
 from tests.data.converted import changed, write_json
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, write_corner
 from tests.heard import Heard

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from core.errors import BadInput, BadSetting
-from core.training.on_disk import checkpoint, run_folders
+from core.run import checkpoint, run_folders
 from tests.failing import DENIED, failing
 from tests.small import small_settings
 

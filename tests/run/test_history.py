@@ -6,7 +6,7 @@ import errno
 import pytest
 
 from core.errors import BadInput
-from core.training.on_disk import history
+from core.run import history
 from tests.failing import failing
 
 

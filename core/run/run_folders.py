@@ -11,16 +11,16 @@ from pathlib import Path
 
 from core.config import Settings
 from core.data.collection import Collection
-from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, PICTURES, fault_of_mark, read_mark
+from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, MASKS, PICTURES, fault_of_mark, read_mark
 from core.data.sfm import landmarks
 from core.errors import BadInput
+from core.run import checkpoint, history, viewer_files
+from core.run.decision import Decision
+from core.run.run_config import write_config
+from core.run.transparency import transparent_is_empty
 from core.system.atomic import remove, swept
 from core.system.lock import taken
 from core.system.outputs import check_folder, check_named_as_folder, files_in
-from core.training.decisions import Decision
-from core.training.on_disk import checkpoint, history, mask_files, viewer_files
-from core.training.on_disk.run_config import write_config
-from core.training.transparency import transparent_is_empty
 
 PREVIEW = "preview.png"
 RUNS = Path("runs")
@@ -29,7 +29,7 @@ CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a train
 # last: where deleting is stopped on the way, --force is taken again.
 OURS = (
     "cfg_args", "cameras.json", "input.ply", "point_cloud", checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
-    history.FILE, landmarks.FILE, mask_files.FOLDER, PREVIEW, *(name for names in EVALUATED.values() for name in names),
+    history.FILE, landmarks.FILE, MASKS, PREVIEW, *(name for names in EVALUATED.values() for name in names),
     CONFIG,
 )  # fmt: skip
 
@@ -84,7 +84,7 @@ def run_around(file: Path) -> Path | None:
 
 
 def is_at_work(folder: Path) -> bool:
-    """Whether a training holds the run (core.training.on_disk.claim)."""
+    """Whether a training holds the run (core.run.claim)."""
     with taken(folder) as ours:
         return ours is False
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import plyfile
 
-from core.training.on_disk import run_folders
+from core.run import run_folders
 from tests.small import small_settings
 
 

@@ -7,12 +7,11 @@ import numpy as np
 import torch
 
 from core.appearance.model import AppearanceModel
+from core.data.made import MASKS
 from core.data.photos.names import png_paths
 from core.export.pictures import write_png
 from core.report import QUIET, Report
 from core.training.sized_photos import SizedPhotos
-
-FOLDER = "masks"
 
 
 def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos, report: Report = QUIET) -> int:
@@ -30,7 +29,7 @@ def write_masks(folder: Path, model: AppearanceModel, photos: SizedPhotos, repor
             shown = cv2.resize(mask[0].cpu().numpy(), (width, height))
         if sized.photo.mask is not None and sized.valid is not None:
             shown = shown * sized.valid
-        target = folder / FOLDER / paths[sized.photo.name]
+        target = folder / MASKS / paths[sized.photo.name]
         target.parent.mkdir(parents=True, exist_ok=True)
         write_png(target, (shown * 255).round().astype(np.uint8))
         report.progress("Masks", number, len(masked))

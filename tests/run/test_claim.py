@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from core.errors import BadInput
+from core.run import claim
+from core.run.claim import held, new_run
 from core.system import lock
-from core.training.on_disk import claim
-from core.training.on_disk.claim import held, new_run
 from tests.failing import failing
 
 locks = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")

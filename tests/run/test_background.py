@@ -2,7 +2,7 @@
 
 import torch
 
-from core.training.background import background_of_step
+from core.run.background import background_of_step
 
 
 def test_every_step_has_a_colour_of_its_own():

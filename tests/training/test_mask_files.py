@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import torch
 
-from core.training.on_disk.mask_files import write_masks
+from core.training.mask_files import write_masks
 from tests.heard import Heard
 
 

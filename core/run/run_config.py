@@ -18,11 +18,11 @@ from core.data.photos.names import is_file
 from core.data.sfm.kept_points import MARK, home_of
 from core.data.split_table import SPLITS
 from core.errors import BadInput, BadSetting
+from core.run.decision import Decision
 from core.scene.camera import LARGEST_PX, Camera, can_be_drawn
 from core.scene.frame import SceneFrame
 from core.scene.lens import Lens
 from core.system.atomic import write_json
-from core.training.decisions import Decision
 
 CROOKED = 1e-3  # by how much the axes of a camera may be off length 1 or right angles
 

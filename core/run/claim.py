@@ -5,9 +5,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from core.errors import BadInput
+from core.run import run_folders
 from core.system.atomic import room_in
 from core.system.lock import taken
-from core.training.on_disk import run_folders
 
 
 @contextmanager

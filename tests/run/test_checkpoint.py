@@ -9,8 +9,8 @@ from safetensors import SafetensorError
 from safetensors.torch import save_file
 
 from core.errors import BadInput
+from core.run import checkpoint, run_folders
 from core.system import lock, outputs
-from core.training.on_disk import checkpoint, run_folders
 from tests.failing import DENIED, failing
 from tests.small import small_collection, small_settings
 

@@ -12,8 +12,8 @@ import pytest
 
 from core.data.collection import GivenMask
 from core.errors import BadInput
+from core.run import run_config, run_folders
 from core.scene.lens import Lens
-from core.training.on_disk import run_config, run_folders
 from tests.failing import DENIED, failing
 from tests.small import small_settings
 

@@ -25,6 +25,7 @@ from core.rasterizer.contract import (
     NEAR,
     STOP_TRANSMITTANCE,
     Colour,
+    Rasterizer,
     Visible,
     jacobian_limits,
 )
@@ -53,7 +54,7 @@ class Projection:
     opacities: Float[Tensor, " n"]
 
 
-class ReferenceRasterizer:
+class ReferenceRasterizer(Rasterizer):
     """The contract's definition; any floating dtype, any device. See `contract.Rasterizer` for the methods.
 
     One difference from the contract: torch's own sums may differ in the last bit between numbers of threads.

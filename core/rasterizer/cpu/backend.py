@@ -11,7 +11,7 @@ from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput
 from core.rasterizer import inputs, layout
-from core.rasterizer.contract import BLACK, Colour, Visible
+from core.rasterizer.contract import BLACK, Colour, Rasterizer, Visible
 from core.rasterizer.cpu.bin import SLOT, fill_lists, front_to_back, running_starts
 from core.rasterizer.cpu.blend_backward import blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
@@ -31,7 +31,7 @@ ROWS_PER_BLOCK = 2048  # Gaussians that a thread takes at a time
 MOST_BLOCKS = 64  # of Gaussians that are projected: each counts for itself how many touch each tile
 
 
-class CpuRasterizer:
+class CpuRasterizer(Rasterizer):
     """Numba kernels on core.system.threads.threads() threads; float32. See `contract.Rasterizer` for the methods."""
 
     name, device = "cpu", "cpu"

@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 from core.errors import BadInput, BadSetting
 from core.kernels.triton_launch import FUSED, UNFUSED, blocks, interpreted
 from core.rasterizer import inputs, layout
-from core.rasterizer.contract import BLACK, Colour, Visible
+from core.rasterizer.contract import BLACK, Colour, Rasterizer, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
 from core.rasterizer.cuda.bin import TileLists, front_to_back, tile_lists
 from core.rasterizer.shares import Shares, shares_of_slots
@@ -52,7 +52,7 @@ class Known(NamedTuple):
     height: int
 
 
-class CudaRasterizer:
+class CudaRasterizer(Rasterizer):
     """Triton kernels; float32. See `contract.Rasterizer` for the methods.
 
     The same bits in every run on one kind of card. Under Triton's interpreter it takes tensors on the CPU instead, for

@@ -31,13 +31,13 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
     }
     found = nearly_named(places, there)
     names = [
-        f"{photo.name} ({_named_beside(found[photo.path], photo.path)})" for photo in missing if photo.path in found
+        f"{photo.name} ({named_beside(found[photo.path], photo.path)})" for photo in missing if photo.path in found
     ]
     notes = name_them("found under another name or in another folder", names, harmless=True)
     return [replace(photo, path=found.get(photo.path, photo.path)) for photo in photos], notes
 
 
-def _named_beside(path: Path, missing: Path) -> str:
+def named_beside(path: Path, missing: Path) -> str:
     """The name of the file; if it lies in another folder,
     with as many of its folders as it takes to tell the two apart."""
     if path.parent == missing.parent:

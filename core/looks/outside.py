@@ -33,7 +33,7 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> C
     embedding = model.embedding_from_outside(picture)
     if trained.transparent_is_empty or known_range.distance(embedding) <= 1:
         return Colouring(known_range.nearest(embedding))
-    layers = _layers(trained)
+    layers = tone_layers(trained)
     whole = tone_between(layers, band_means(picture))
     tones = [whole ** (part / TRIES) for part in range(1, TRIES + 1)]
     embeddings = [model.embedding_from_outside(taken_off(picture, tone, layers)) for tone in tones]
@@ -57,7 +57,7 @@ def light_in_words(tone: Float[Tensor, "2 3"]) -> str:
     return ", ".join(words)
 
 
-def _layers(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
+def tone_layers(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
     """What the place and the sky each contribute to the mean colour of each band
     of the training views, in the neutral look."""
     neutral = bake(trained, neutral_look(trained))

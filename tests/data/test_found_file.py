@@ -106,7 +106,7 @@ def test_photos_of_several_cameras_with_equal_names(tmp_path, before, folder, sh
     "missing, shown", [("/images/a.jpg", "b.jpg"), ("/x/a.jpg", "images/b.jpg"), ("/x/images/a.jpg", "/images/b.jpg")]
 )
 def test_a_file_is_named_with_the_folders_that_tell_it_from_the_missing_one(missing, shown):
-    assert found_file._named_beside(Path("/images/b.jpg"), Path(missing)) == shown
+    assert found_file.named_beside(Path("/images/b.jpg"), Path(missing)) == shown
 
 
 def test_a_transforms_json_of_another_computer(tmp_path):

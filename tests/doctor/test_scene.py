@@ -222,7 +222,7 @@ def test_the_time_for_many_photos_is_given_in_hours(tmp_path, monkeypatch, secon
 def test_a_photo_is_flat_if_its_numbers_hardly_differ(red, spread, is_flat):
     pixels = np.random.default_rng(0).integers(100, 101 + spread, (90, 60, 3)).astype(np.uint8)
     pixels[..., 0] += np.uint8(red - 100)
-    assert module._is_flat(pixels) == is_flat == (pixels.std() < module.FLAT)
+    assert module.is_flat(pixels) == is_flat == (pixels.std() < module.FLAT)
 
 
 def test_pictures_stored_twice_are_reported_and_matched_once(tmp_path):

@@ -18,7 +18,7 @@ from core.errors import BadInput
 from core.export.pictures import to_8_bit, write_png
 from core.looks import saved_look
 from core.looks.find_look import find_look
-from core.looks.outside import _layers
+from core.looks.outside import tone_layers
 from core.looks.trained import TrainedRun, bake, blend
 from core.scene.cells import cell_sums
 from core.system.atomic import write_json
@@ -173,7 +173,7 @@ def test_only_what_lies_beyond_the_known_range_becomes_a_gain(trained, tmp_path)
     strengths = [1.0 if look.colouring.tone is None else float(look.colouring.tone.mean()) for look in looks]
     assert sorted(strengths, reverse=True) == strengths and strengths[-1] < 0.1
     picture = torch.from_numpy(cv2.imread(str(paths[1]))[..., ::-1].copy()).permute(2, 0, 1).float() / 255
-    whole = tone_between(_layers(trained), band_means(picture))
+    whole = tone_between(tone_layers(trained), band_means(picture))
     # As much of it as brings the photo into the known range, and no more.
     assert float(whole.mean()) < strengths[1] - 0.02
 

@@ -81,7 +81,7 @@ def test_a_lower_limit_of_the_shell_is_reported(monkeypatch):
 
 def test_features_are_found_and_matched_on_as_many_threads_as_fit(soft_limit_put_back, monkeypatch):
     monkeypatch.setattr(features.threads, "cores", lambda: 16)
-    assert features._threads_within_limit() == 16
+    assert features.threads_within_limit() == 16
     for gib, fitting in ((1, 1), (2, 2), (4, 7), (50, 16)):
         memory.hold_to(gib)
-        assert features._threads_within_limit() == fitting
+        assert features.threads_within_limit() == fitting

@@ -77,8 +77,8 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
     options.sift.max_num_features = most
-    options.num_threads = _threads_within_limit()
-    for done, part in _parts(names, 2, MOST_PHOTOS):
+    options.num_threads = threads_within_limit()
+    for done, part in in_parts(names, 2, MOST_PHOTOS):
         check_growth(work / DATABASE, len(part) * PHOTO_BYTES)
         _number(work, part)
         pycolmap.extract_features(
@@ -116,7 +116,7 @@ def match(
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
-    options.num_threads = _threads_within_limit()
+    options.num_threads = threads_within_limit()
     options.skip_geometric_verification = not verify
     options.sift.max_ratio = ratio
     verification = pycolmap.TwoViewGeometryOptions(min_num_inliers=LEAST_INLIERS)
@@ -124,7 +124,7 @@ def match(
     lines = [f"{first} {second}" for first, second in pairs]
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = work / "pairs.txt"
-    for done, part in _parts(lines, 8, MOST_PAIRS):
+    for done, part in in_parts(lines, 8, MOST_PAIRS):
         check_growth(work / DATABASE, len(part) * PAIR_BYTES)
         (work / "pairs.txt").write_text("\n".join(part) + "\n", encoding="utf-8")
         pycolmap.match_image_pairs(
@@ -137,13 +137,13 @@ def match(
         report.progress("Matches", done, len(lines))
 
 
-def _threads_within_limit() -> int:
+def threads_within_limit() -> int:
     """One thread a core, or as many as fit into the memory limit: beyond it, pycolmap would end the whole program."""
     cores, room = threads.cores(), memory.limit()
     return cores if room is None else max(1, min(cores, (room - OTHER_BYTES) // THREAD_BYTES))
 
 
-def _parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:
+def in_parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:
     """The items in parts of `least` to `most`, sized to take PART_S each,
     and for each part the number of items up to its end."""
     done, size = 0, least

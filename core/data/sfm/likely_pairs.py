@@ -35,7 +35,7 @@ def likely_pairs(work: Path, names: list[str], report: Report) -> list[tuple[str
     total = all_pairs(len(names))
     if total == most_pairs(len(names)):
         return [(first, second) for index, first in enumerate(names) for second in names[:index]]
-    largest = _largest_features(work, names)
+    largest = largest_features(work, names)
     found = np.zeros((len(names), len(names)), np.int32)
     for index, features in enumerate(largest):
         found[index, :index] = found[:index, index] = _counts_alike(features, largest[:index])
@@ -93,7 +93,7 @@ def count_alike(first: np.ndarray, second: np.ndarray) -> int:
     return int((similarity[:, nearest[clear]].argmax(axis=0) == clear).sum())
 
 
-def _largest_features(work: Path, names: list[str]) -> list[np.ndarray]:
+def largest_features(work: Path, names: list[str]) -> list[np.ndarray]:
     features = []
     with pycolmap.Database.open(work / DATABASE) as database:
         images = images_in(database)

@@ -60,7 +60,7 @@ def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None =
 
         def located() -> Located | None:
             extract(work, [QUERY], report, work / MASKS)
-            return _camera_of(*_matched(work, landmarks, report), lens, (width, height))
+            return camera_of(*_matched(work, landmarks, report), lens, (width, height))
 
         found = located()
         if found is None or found.agreeing >= SURE:
@@ -121,7 +121,7 @@ def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
     return lens
 
 
-def _camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
+def camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
     """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree.
 
     If EXIF gives a focal length, an unknown one is tried as well, and that on which more features agree is taken:

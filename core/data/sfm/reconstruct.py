@@ -76,7 +76,7 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():
         (new / "scene").mkdir()
         copy_lists(lists, new / "scene")  # first: an error in reading one comes before the minutes of work
-        copies, originals = _copy_upright(paths, work, report)
+        copies, originals = copy_upright(paths, work, report)
         names = list(copies)
         if len(names) < LEAST_PHOTOS:
             raise BadInput(
@@ -92,7 +92,7 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
         model = map_photos(work, names, report)
         turn_upright(model)
         placed = {copies[image.name] for image in model.images.values() if image.has_pose}
-        _write_scene(work, model, copies, new / "scene")
+        write_scene(work, model, copies, new / "scene")
         write_json(new / "scene" / MADE_OF, made_of)
         write_json(new / "scene" / NAMES, {str(path.resolve()): name for path, name in originals.items()})
     lost = [path.name for path, name in originals.items() if name not in placed]
@@ -102,7 +102,7 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
     return output
 
 
-def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[str, str], dict[Path, str]]:
+def copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[str, str], dict[Path, str]]:
     """Copy the readable photos into work/PHOTOS as COLMAP needs them;
     returns their names in the scene, by the name of the copy and by file.
 
@@ -128,7 +128,7 @@ def _copy_upright(paths: list[Path], work: Path, report: Report) -> tuple[dict[s
         if photo.header.is_jpeg and photo.header.orientation == 1 and not photo.header.profile:
             shutil.copyfile(path, work / PHOTOS / copy)
         else:
-            _write_jpeg(photo, work / PHOTOS / copy)
+            write_jpeg(photo, work / PHOTOS / copy)
         turned += photo.header.orientation != 1
         if photo.alpha is not None:
             Image.fromarray(photo.alpha).save(work / ALPHA / name)
@@ -153,12 +153,12 @@ def _name_in_scene(path: Path, photo: UsablePhoto, prefix: str, taken: Container
     return name
 
 
-def _write_jpeg(photo: UsablePhoto, path: Path) -> None:
+def write_jpeg(photo: UsablePhoto, path: Path) -> None:
     """The photo as displayed, with its EXIF block, whose focal length COLMAP starts from."""
     Image.fromarray(photo.pixels).save(path, quality=JPEG_QUALITY, exif=upright_exif(photo.header.exif))
 
 
-def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str], scene: Path) -> None:
+def write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, str], scene: Path) -> None:
     """Undistort the model's photos, under their own names, into scene/images, and the model into scene/sparse/0."""
     named, chosen, undistorted = (work / name for name in ("named", "chosen", "undistorted"))
     named.mkdir()
@@ -174,7 +174,7 @@ def _write_scene(work: Path, model: pycolmap.Reconstruction, copies: dict[str, s
     if alphas := {path.name: path for path in (work / ALPHA).glob("*") if path.name in lenses}:
         for image in pycolmap.Reconstruction(undistorted / "sparse").images.values():
             if image.name in alphas:
-                _give_alpha(undistorted / "images" / image.name, image.camera, alphas[image.name], lenses[image.name])
+                give_alpha(undistorted / "images" / image.name, image.camera, alphas[image.name], lenses[image.name])
     os.replace(undistorted / "images", scene / "images")
     os.replace(undistorted / "sparse", scene / "sparse" / "0")
     write_json(scene / LENSES, {name: asdict(lens) for name, lens in lenses.items()})
@@ -186,7 +186,7 @@ def _most_bytes(name: str, lens: Lens) -> int:
     return int(pixel_bytes * lens.width * lens.height)
 
 
-def _give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:
+def give_alpha(picture: Path, camera: pycolmap.Camera, alpha: Path, lens: Lens) -> None:
     """Make the undistorted `picture`, COLMAP's PNG of the photo over white, transparent where the photo was,
     or where its lens saw nothing.
 

@@ -10,7 +10,7 @@ from PIL import Image, ImageCms
 from core.data.photos.file import probe
 from core.data.photos.pixels import read_pixels, read_pixels_and_alpha
 from core.data.sfm.features import PHOTOS
-from core.data.sfm.reconstruct import _copy_upright
+from core.data.sfm.reconstruct import copy_upright
 from core.report import QUIET
 
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
@@ -114,7 +114,7 @@ def test_what_a_profile_is_called_does_not_count(tmp_path):
 def test_colmap_gets_srgb(tmp_path):
     plain = save(tmp_path / "plain.jpg", COLOURS[::-1], SRGB)
     other = save(tmp_path / "other.jpg", COLOURS, SWAPPED, quality=100, subsampling=0)
-    copies, _ = _copy_upright([other, plain], tmp_path, QUIET)
+    copies, _ = copy_upright([other, plain], tmp_path, QUIET)
     copied = {name: tmp_path / PHOTOS / copy for copy, name in copies.items()}
     assert copied["plain.jpg"].read_bytes() == plain.read_bytes()
     assert probe(copied["other.jpg"]).profile == b""

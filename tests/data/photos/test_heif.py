@@ -8,7 +8,7 @@ from pillow_heif import from_bytes, from_pillow
 
 from core.data.photos.file import probe
 from core.data.photos.pixels import read_light, read_pixels, upright
-from core.data.sfm.reconstruct import _write_jpeg
+from core.data.sfm.reconstruct import write_jpeg
 from core.data.sfm.usable import UsablePhoto
 from core.errors import BadInput
 from tests.data.small_scene import exif_block
@@ -45,7 +45,7 @@ def test_photos_are_turned_as_the_file_says(tmp_path, orientation, how):
     assert (header.kind, header.orientation, header.displayed) == ("HEIF", 1, pixels.shape[1::-1])
     assert difference(read_pixels(path), pixels) <= WITHIN
     jpeg = tmp_path / "copy.jpg"
-    _write_jpeg(UsablePhoto(header, read_pixels(path)), jpeg)  # as structure from motion gets it
+    write_jpeg(UsablePhoto(header, read_pixels(path)), jpeg)  # as structure from motion gets it
     assert probe(jpeg).displayed == header.displayed and exif_block(1) in probe(jpeg).exif
     assert difference(cv2.imread(str(jpeg))[..., ::-1], pixels) <= 2 * WITHIN
 

@@ -85,7 +85,7 @@ def test_parts_take_as_long_as_one_waits_for_progress(monkeypatch, cost_s, sizes
     monkeypatch.setattr(features.time, "monotonic", lambda: now)
     items = [str(number) for number in range(sum(sizes))]
     met = []
-    for done, part in features._parts(items, 8, most):
+    for done, part in features.in_parts(items, 8, most):
         now += cost_s * len(part)
         met.append(part)
         assert done == sum(map(len, met))

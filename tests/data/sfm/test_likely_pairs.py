@@ -31,7 +31,7 @@ def test_of_many_photos_those_are_matched_that_share_features(tmp_path, monkeypa
     and the last shows nothing."""
     strip = features(500, 0)
     shown = [strip[50 * number : 50 * number + 100] for number in range(8)] + [strip[:0]]
-    monkeypatch.setattr(module, "_largest_features", lambda work, names: shown)
+    monkeypatch.setattr(module, "largest_features", lambda work, names: shown)
     monkeypatch.setattr(module, "PARTNERS", 2)
     heard = Heard()
     pairs = likely_pairs(tmp_path, NAMES, heard)
@@ -56,7 +56,7 @@ def test_the_time_that_matching_takes_counts_the_search_for_likely_pairs(photos,
 def test_the_search_finds_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
     strip = features(400, 3)
     shown = [strip[10 * number : 10 * number + 60] for number in range(30)]
-    monkeypatch.setattr(module, "_largest_features", lambda work, names: shown)
+    monkeypatch.setattr(module, "largest_features", lambda work, names: shown)
     monkeypatch.setattr(module, "PARTNERS", 4)
     names, found = [f"{number}.jpg" for number in range(30)], []
     for threads in (1, 2, 3):
@@ -85,9 +85,9 @@ def test_the_largest_features_of_a_photo_are_taken(tmp_path, monkeypatch):
     for name, (rotation, centre) in zip(names, cameras(2), strict=True):
         assert cv2.imwrite(str(tmp_path / "photos" / name), take_photo(rotation, centre, pictures))
     extract(tmp_path, names, Report())
-    every = module._largest_features(tmp_path, names)
+    every = module.largest_features(tmp_path, names)
     monkeypatch.setattr(module, "LARGEST_FEATURES", 50)
-    largest = module._largest_features(tmp_path, names)
+    largest = module.largest_features(tmp_path, names)
     assert all(len(part) == 50 and np.array_equal(part, whole[:50]) for part, whole in zip(largest, every, strict=True))
     with pycolmap.Database.open(tmp_path / DATABASE) as database:
         number = database.read_image_with_name(names[0]).image_id

@@ -14,7 +14,7 @@ from core.data import load_collection
 from core.data.sfm import locate as locate_module
 from core.data.sfm.features import DATABASE
 from core.data.sfm.landmarks import landmarks_of
-from core.data.sfm.locate import QUERY, Located, _camera_of, locate
+from core.data.sfm.locate import QUERY, Located, camera_of, locate
 from core.errors import BadInput, WegsError
 from core.report import Report
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, cameras, take_photo, textures, write_corner
@@ -85,7 +85,7 @@ def test_no_feature_lies_where_a_mask_hides_the_photo_or_the_mirrored_one(known,
     keypoints = []
     monkeypatch.setattr(locate_module, "_matched", found)
     # The mirrored one is asked, too.
-    monkeypatch.setattr(locate_module, "_camera_of", lambda *_: Located(camera=None, agreeing=20, matched=40))
+    monkeypatch.setattr(locate_module, "camera_of", lambda *_: Located(camera=None, agreeing=20, matched=40))
     white = np.tile(np.arange(WIDTH) // 16 % 2 == 0, (HEIGHT, 1))
     assert cv2.imwrite(str(tmp_path / "stripes.png"), 255 * white.astype(np.uint8))
     assert locate(between[0], known, Report(), tmp_path / "stripes.png").agreeing == 20
@@ -108,7 +108,7 @@ def test_a_camera_needs_twelve_matches_that_agree_and_a_third_of_all(true, wrong
     pixels = points[:, :2] / points[:, 2:] * 600 + (320, 240)
     pixels[true:] = random.uniform((0, 0), (640, 480), (wrong, 2))
     lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=640, height=480, params=[600, 320, 240])
-    found = _camera_of(pixels, points, lens, (640, 480))
+    found = camera_of(pixels, points, lens, (640, 480))
     assert (found and found.agreeing) == agreeing
 
 
@@ -117,12 +117,12 @@ def test_features_that_repeat_one_point_are_one_witness_and_lenses_that_do_not_e
     points = random.uniform((-1, -1, 4), (1, 1, 7), (10, 3))
     pixels = points[:, :2] / points[:, 2:] * 600 + (320, 240)
     lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=640, height=480, params=[600, 320, 240])
-    assert _camera_of(np.tile(pixels, (3, 1)), np.tile(points, (3, 1)), lens, (640, 480)) is None
+    assert camera_of(np.tile(pixels, (3, 1)), np.tile(points, (3, 1)), lens, (640, 480)) is None
     points = random.uniform((-1, -1, 40), (1, 1, 70), (80, 3))
     for focal, usual in ((6000, True), (16000, False)):
         pixels = points[:, :2] / points[:, 2:] * focal + (320, 240)
         lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=640, height=480, params=[focal, 320, 240])
-        assert (_camera_of(pixels, points, lens, (640, 480)) is not None) == usual
+        assert (camera_of(pixels, points, lens, (640, 480)) is not None) == usual
 
 
 def test_a_mirrored_photo_is_of_another_place(known, between, tmp_path, monkeypatch):
@@ -130,12 +130,12 @@ def test_a_mirrored_photo_is_of_another_place(known, between, tmp_path, monkeypa
     assert cv2.imwrite(str(tmp_path / "mirrored.png"), cv2.flip(cv2.imread(str(between[0])), 1))
     by_mirror = {}
 
-    def camera_of(pixels, points, lens, size):
-        found = _camera_of(pixels, points, lens, size)
+    def lenient(pixels, points, lens, size):
+        found = camera_of(pixels, points, lens, size)
         by_mirror.setdefault("first", found)
         return Located(camera=None, agreeing=20, matched=40) if found is None else found
 
-    monkeypatch.setattr(locate_module, "_camera_of", camera_of)
+    monkeypatch.setattr(locate_module, "camera_of", lenient)
     assert locate(tmp_path / "mirrored.png", known, Report()) is None and by_mirror["first"] is None
     with monkeypatch.context() as patch:
         patch.setattr(locate_module, "SURE", 10**6)
@@ -148,7 +148,7 @@ def test_the_focal_length_that_a_cropped_photo_still_gives_is_not_believed():
     pixels = points[:, :2] / points[:, 2:] * 600 + (320, 240)
     lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=640, height=480, params=[300, 320, 240])
     lens.has_prior_focal_length = True
-    found = _camera_of(pixels, points, lens, (640, 480))
+    found = camera_of(pixels, points, lens, (640, 480))
     assert found.agreeing == 80 and abs(found.camera.fx / 600 - 1) < 0.01
 
 

@@ -10,7 +10,7 @@ import pytest
 from core.data.sfm import mapping
 from core.data.sfm.features import PHOTOS
 from core.data.sfm.originals import MADE_OF, NAMES, placed_of, shortfall
-from core.data.sfm.reconstruct import _write_scene, reconstruct
+from core.data.sfm.reconstruct import reconstruct, write_scene
 from core.errors import BadInput
 from core.system.atomic import write_json
 from tests.data.small_scene import SmallScene
@@ -148,7 +148,7 @@ def test_photos_that_were_dropped_count_as_lost(tmp_path):
     for index in range(6):
         assert cv2.imwrite(str(tmp_path / PHOTOS / f"{index}.jpg"), np.full((120, 160, 3), 99, np.uint8))
     scene = tmp_path / "scene"
-    _write_scene(tmp_path, found, {f"{index}.jpg": f"photo {index}.jpg" for index in range(6)}, scene)
+    write_scene(tmp_path, found, {f"{index}.jpg": f"photo {index}.jpg" for index in range(6)}, scene)
     write_json(scene / MADE_OF, {f"/{index}.jpg": [0, 0] for index in range(6)})
     write_json(scene / NAMES, {f"/{index}.jpg": f"photo {index}.jpg" for index in range(6)})
     assert placed_of(scene) == (6, 2, 2) and shortfall(scene).startswith("Only 2 of 6 photos could be placed")

@@ -14,7 +14,7 @@ from core.data.photos.folder import list_photos
 from core.data.photos.pixels import load_photo, read_pixels_and_alpha
 from core.data.sfm import originals
 from core.data.sfm.originals import name_in
-from core.data.sfm.reconstruct import _copy_upright, _give_alpha, reconstruct
+from core.data.sfm.reconstruct import copy_upright, give_alpha, reconstruct
 from core.errors import BadInput, WegsError
 from core.report import Report
 from core.scene.lens import Lens
@@ -113,7 +113,7 @@ def test_what_is_half_transparent_is_laid_over_white_once(tmp_path):
     picture, opacity = tmp_path / "picture.png", tmp_path / "alpha.png"
     assert cv2.imwrite(str(picture), shown) and cv2.imwrite(str(opacity), alpha)
     lens = Lens("SIMPLE_PINHOLE", WIDTH, HEIGHT, [WIDTH, WIDTH / 2, HEIGHT / 2])
-    _give_alpha(picture, colmap_camera(lens), opacity, lens)
+    give_alpha(picture, colmap_camera(lens), opacity, lens)
     pixels, found = read_pixels_and_alpha(picture)
     assert np.array_equal(found, alpha)
     assert np.abs(pixels[..., ::-1].astype(int) - shown).max() <= 1  # rounded
@@ -275,7 +275,7 @@ def test_a_name_too_long_for_its_jpeg_is_cut(tmp_path):
     for name, texture in zip(names, textures(), strict=False):
         assert cv2.imwrite(str(tmp_path / name), texture)
     (tmp_path / "work").mkdir()
-    copies, _ = _copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
+    copies, _ = copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
     assert set(copies.values()) == {"1-" + ("a" * 50 + ".png.jpg"), names[1] + ".jpg"}
 
 
@@ -283,7 +283,7 @@ def test_no_two_photos_have_one_name(tmp_path):
     for name, texture in zip(("3-a.tif.jpg", "a.tif", "a.tif.jpg"), (*textures(), 255 - textures()[0]), strict=False):
         assert cv2.imwrite(str(tmp_path / name), texture)
     (tmp_path / "work").mkdir()
-    copies, originals = _copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
+    copies, originals = copy_upright(list_photos(tmp_path), tmp_path / "work", Heard())
     assert len(set(copies.values())) == 3 and set(copies.values()) == set(originals.values())
     assert originals[tmp_path / "3-a.tif.jpg"] == "3-a.tif.jpg"
 
@@ -304,6 +304,6 @@ def test_of_a_picture_that_was_stored_again_the_fullest_is_used(tmp_path):
     )
     (tmp_path / "work").mkdir()
     heard = Heard()
-    copies, _ = _copy_upright(list_photos(tmp_path), tmp_path / "work", heard)
+    copies, _ = copy_upright(list_photos(tmp_path), tmp_path / "work", heard)
     assert list(copies.values()) == ["b.jpg", "c.jpg", "pano-small.jpg"]
     assert "1 picture stored twice, left out: a.png is the picture b.jpg once more, with fewer pixels" in heard.lines

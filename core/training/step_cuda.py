@@ -25,7 +25,7 @@ from core.training.losses.canvas import TargetOnCanvas
 from core.training.moment import Moment
 from core.training.step import InView, Result, StepInputs, Stepper
 
-NO_ROOM = Room(0, 0)  # none was made for the present Gaussians
+NO_ROOM = Room(-1, -1)  # none was made for the present Gaussians; a view of nothing has Room(0, 0)
 MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # times what one photo shows there is room for: others show more
 
 

@@ -72,6 +72,7 @@ def main(run_folder: Path | None, lengths: tuple[int, ...], sh_degree: int | Non
         add("wegs", trained, settings.steps, trained.seconds)
         scene = load_collection(trained.collection.read_from)  # a run keeps no points
         photos = SizedPhotos(trained.collection.split("train"), trained.sizes, trained.device, report=terminal)
+        peer.picture(gsplat, trained.splats, photos.cameras[0])  # compiles its kernels, which may take minutes
         for steps in lengths or sorted({settings.steps, STEPS}):
             for name, control in CONTROLS.items():
                 method, start = f"gsplat, {name}", time.perf_counter()
@@ -87,6 +88,11 @@ def usable_peer(trained: TrainedRun) -> ModuleType:
     """gsplat; BadInput where it cannot be used, or the run is nothing to compare with."""
     if trained.has_looks:
         raise BadInput(f"{trained.folder} has looks, which plain 3DGS has not.", "Take a run with --preset vanilla.")
+    if trained.transparent_is_empty:
+        raise BadInput(
+            f"In {trained.folder} transparent pixels are empty space, of which gsplat is told nothing.",
+            "Take a run with --set transparency=unseen.",
+        )
     if trained.device.type != "cuda":
         raise BadInput(
             f"{trained.folder} was trained on a CPU, or no GPU can be used here.", "gsplat needs an NVIDIA GPU."

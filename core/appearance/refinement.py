@@ -101,9 +101,8 @@ class Wanted:
             return Wanted(camera, picture, weight)
 
         def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
-            return F.interpolate(values.permute(2, 0, 1)[None], size=(small.height, small.width), mode="area")[
-                0
-            ].permute(1, 2, 0)
+            planes = values.permute(2, 0, 1)[None]
+            return F.interpolate(planes, size=(small.height, small.width), mode="area")[0].permute(1, 2, 0)
 
         share = means(weight[..., None])
         return Wanted(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])

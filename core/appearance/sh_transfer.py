@@ -109,9 +109,8 @@ class SHTransfer(nn.Module):
         octaves, bound = self.settings.position_octaves, self.settings.residual_bound
         with threads_for_blocks():
             layers = self.hidden_layers(embedding, changes), self.output_layer(embedding, changes)
-            return blockwise_sum(
-                sh.flatten(1), self.encoded(sh), base.latents, base.means, *layers, octaves, bound
-            ).view_as(sh)
+            given = sh.flatten(1), self.encoded(sh), base.latents, base.means
+            return blockwise_sum(*given, *layers, octaves, bound).view_as(sh)
 
     @torch.no_grad()
     def given_spread(self, embeddings: Float[Tensor, "k e"]) -> Weights:

@@ -31,8 +31,8 @@ def tone_between(shares: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "band
     """The tone in which what place and sky add to the mean colours of the bands, their shares,
     comes nearest to those wanted.
 
-    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 per channel, LEAST_GAIN <= g <=
-    LARGEST_GAIN, by coordinate descent.
+    Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 per channel, by coordinate descent;
+    LEAST_GAIN <= g <= LARGEST_GAIN.
     """
     place, sky = shares.double()
     wanted = wanted.double()

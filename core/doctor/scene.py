@@ -133,11 +133,10 @@ def _points(collection: Collection) -> list[Finding]:
     seen = {photo.name: len(photo.points) for photo in photos}
     few = [f"{name}: {points}" for name, points in seen.items() if points < FEW_POINTS]
     farthest = np.linalg.norm(collection.points, axis=1).max()
-    each, more = (
-        f", {np.median(list(seen.values())):.0f} a photo (median)",
-        "Add photos, or run SfM with more features.",
-    )
-    if not any(seen.values()):  # unknown which photo sees which
+    if any(seen.values()):
+        each = f", {np.median(list(seen.values())):.0f} a photo (median)"
+        more = "Add photos, or run SfM with more features."
+    else:  # unknown which photo sees which
         each, more = "", "Give more of them, or run SfM with more features."
     figure = f"{count:,}{each}, the farthest {farthest:.3g} radii off"
     found = Finding("points", figure, "Gaussians start from them", more if count < POINTS_WANTED else "")

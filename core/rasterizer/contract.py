@@ -59,9 +59,9 @@ class Rasterizer(Protocol):
     """A backend. Stateless for the caller; pictures and gradients do not depend on the number of threads.
 
     Order: front to back by camera depth, ties by index. Culled (drawn as absent, zero gradient of the right shape): not
-    finite in any parameter or in its colour, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2, opacity <
-    ALPHA_MIN, footprint outside the picture. The footprint is the exact ellipse opacity * exp(-d' S^-1 d / 2) >=
-    ALPHA_MIN around the projected centre.
+    finite in any parameter or in its colour, depth not > NEAR, quaternion norm^2 < QUATERNION_MIN_NORM2,
+    opacity < ALPHA_MIN, footprint outside the picture. The footprint is the exact ellipse around the projected centre
+    in which opacity * exp(-d' S^-1 d / 2) >= ALPHA_MIN.
 
     Backends of kernels raise BadInput for tensors of another dtype, device or shape than they take, and
     inputs.ListsTooLarge for a picture whose tile lists do not fit into memory.

@@ -104,12 +104,12 @@ def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> 
     written; BadSetting for one that is named as a .ply.
     """
     if output is None:
-        scene_name, number = scene_name.encode(errors="surrogateescape").decode(errors="replace"), 1
+        scene_name = scene_name.encode(errors="surrogateescape").decode(errors="replace")
+        path, number = RUNS / scene_name, 1
         # A link to nothing takes its name as well; a folder that a killed training left empty does not.
-        while os.path.lexists(path := RUNS / (scene_name if number == 1 else f"{scene_name}-{number}")) and not swept(
-            path, Path.rmdir
-        ):
+        while os.path.lexists(path) and not swept(path, Path.rmdir):
             number += 1
+            path = RUNS / f"{scene_name}-{number}"
         check_folder(path, "Choose another -o.")
         return path
     checkpoint.check_name(output, "Choose another -o.")

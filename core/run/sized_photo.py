@@ -104,6 +104,5 @@ def as_tensors(
     pixels: np.ndarray, valid: np.ndarray | None, device: torch.device
 ) -> tuple[Float[Tensor, "h w 3"], Bool[Tensor, "h w"] | None]:
     """The pixels in [0, 1], and where they are valid, on a device."""
-    return torch.from_numpy(pixels).to(device).float() / 255, None if valid is None else torch.from_numpy(valid).to(
-        device
-    )
+    shown = torch.from_numpy(pixels).to(device).float() / 255
+    return shown, None if valid is None else torch.from_numpy(valid).to(device)

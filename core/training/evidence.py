@@ -89,8 +89,8 @@ def fit_exposures(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exposures_of(group: np.ndarray, base: np.ndarray, colour: np.ndarray) -> np.ndarray:
-    """Gain and offset (G, 2, 3) that lead from base colours (N, 3) to colours (N,
-    3) in each group (N,) of sightings."""
+    """Gain and offset (G, 2, 3) that lead from base colours (N, 3) to colours (N, 3),
+    in each group (N,) of sightings."""
     weight = np.ones((len(group), 1))
     for _ in range(ROUNDS):
         ones = _sums(group, weight) + EXPOSURE_PRIOR

@@ -87,10 +87,7 @@ def draw_view(rng: np.random.Generator, azimuth: float) -> View:
     span = rng.uniform(30, 50) / np.linalg.norm(target[:2] - place)
     if rng.random() < 0.16:
         span *= rng.uniform(0.55, 0.75)  # a detail: dome, tower, portico
-        target = np.array(
-            [(0, 8, 19.0), (14.6, 5, 17.0), (0, -4, 8.0), (-13, 5, 6.0), (-5.5, -10, 6.0), (6.0, -8.0, 7.0)][
-                rng.integers(6)
-            ]
-        ) + rng.normal(0, 0.8, 3)
+        details = [(0, 8, 19.0), (14.6, 5, 17.0), (0, -4, 8.0), (-13, 5, 6.0), (-5.5, -10, 6.0), (6.0, -8.0, 7.0)]
+        target = np.array(details[rng.integers(6)]) + rng.normal(0, 0.8, 3)
     focal = float(np.clip(320 / span, 215, 640)) * rng.uniform(0.95, 1.05)
     return look_at([*place, tall], target, focal, width, height, rng.normal(0, 1.3))

@@ -84,9 +84,8 @@ def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
         alike = forward @ forward[number] > np.cos(np.radians(MOST_DEGREES))
         alike[number] = False
         rows = np.flatnonzero(alike)
-        nearest_first = rows[
-            np.argsort(np.linalg.norm(centres[rows] - centres[number], axis=1), kind="stable")
-        ].tolist()
+        distances = np.linalg.norm(centres[rows] - centres[number], axis=1)
+        nearest_first = rows[np.argsort(distances, kind="stable")].tolist()
         chosen = (*nearest_first[:NEAREST], *spread_over(nearest_first[NEAREST:], SPREAD))
         pairs |= {(max(number, other), min(number, other)) for other in chosen}
     return sorted(pairs)

@@ -57,8 +57,8 @@ class EmptyShare(NamedTuple):
     """How much of each pixel of a photo is empty, e in [0, 1], zero where it is invalid.
 
     padded: (1, H + 10, W), e between RADIUS rows of zeros on either side.
-    mean, mean_square, mean_product: the windowed means of e and e^2, (1, H, W), and of e times the photo's planes, (3,
-    H, W).
+    mean, mean_square, mean_product: the windowed means of e and e^2, (1, H, W),
+    and of e times the photo's planes, (3, H, W).
     """
 
     padded: Tensor

@@ -71,8 +71,8 @@ def blur_along(plane, taps, pixel, column, width, known):
 def compare(
     blurred, x, y, y_means, y_squares, weights, taps, error, slopes, ssim_weight, height, width, BLOCK: tl.constexpr
 ):
-    """The error (height, width), a mean over channels, and the derivatives (3 products, 3, height,
-    width) of its weighted sum by the means."""
+    """The error (height, width), a mean over channels,
+    and the derivatives (3 products, 3, height, width) of its weighted sum by the means."""
     size = height * width
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known, column = pixel < size, pixel % width

@@ -113,21 +113,13 @@ class Terminal(Report):
         # The last: the same work, begun on another thing.
         if self.bar is None or what != self.what or share < self.bar.tasks[0].completed:
             self._end_bar()
-            name, count = (
-                TextColumn("{task.description}", markup=False),
-                TextColumn("{task.fields[count]}", markup=False),
-            )
+            name = TextColumn("{task.description}", markup=False)
+            count = TextColumn("{task.fields[count]}", markup=False)
             left = [TextColumn("left"), TimeRemainingColumn()]
             columns = [name, count, *left]
             if self.console.width >= WIDE:
-                columns = [
-                    name,
-                    BarColumn(),
-                    count,
-                    TimeElapsedColumn(),
-                    *left,
-                    TextColumn("{task.fields[note]}", markup=False),
-                ]
+                note_told = TextColumn("{task.fields[note]}", markup=False)
+                columns = [name, BarColumn(), count, TimeElapsedColumn(), *left, note_told]
             self.bar = Progress(
                 *columns, console=self.console, get_time=time.monotonic, disable=not self.console.is_terminal
             )

@@ -18,8 +18,8 @@ WEAK_AXIS = 0.3  # of the longest: an unseen photo may differ a little in what t
 
 @dataclass(frozen=True)
 class KnownRange:
-    """The ellipsoid around the mean of the training photos' embeddings that
-    passes through the farthest of them, float64.
+    """The ellipsoid around the mean of the training photos' embeddings
+    that passes through the farthest of them, float64.
 
     axes: the principal ones, as rows. lengths: their ratio, weak ones lengthened. size: what all lengths are multiplied
     by.

@@ -25,10 +25,10 @@ def has_avx512() -> bool:
     return "+avx512f" in features.split(",")
 
 
-# So many sums hide the latency of a multiply-add and leave registers for its factors. A product of 64 x 64, GFLOP/s on
-# one core: 8 x 2 129, 4 x 2 119, 8 x 1 100, 4 x 1 90 (MKL: 155); without AVX-512 82 by 4 x 1, 68 by any other (100). Of
-# 64 x 48, the harmonics of degree 3, 8 x 3 takes 15 % less time than 8 x 2 and 8 x 1 beside it.
-# Of a tile; rows of a product are a multiple of this.
+# Of a tile; the rows of a product are a multiple of its rows. So many sums hide the latency of a multiply-add and leave
+# registers for its factors. A product of 64 x 64, GFLOP/s on one core: 8 x 2 129, 4 x 2 119, 8 x 1 100, 4 x 1 90 (MKL:
+# 155); without AVX-512 82 by 4 x 1, 68 by any other (100). Of 64 x 48, the harmonics of degree 3, 8 x 3 takes 15 % less
+# time than 8 x 2 and 8 x 1 beside it.
 TILE_ROWS, TILE_PANELS, WIDE_PANELS = (8, 2, 3) if has_avx512() else (4, 1, 1)
 
 

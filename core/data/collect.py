@@ -35,9 +35,8 @@ def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
         raise _unusable(f"No photo of {posed.source} can be used", posed, placing, anew)
     splits, split_notes, source = _split(root, posed, list(placed))
     if not splits or not (all_photos or "train" in splits.values()):
-        fix = f"Correct or remove {source.name}" + (
-            ", or train on what is held out with --all-photos." if splits else "."
-        )
+        more = ", or train on what is held out with --all-photos" if splits else ""
+        fix = f"Correct or remove {source.name}{more}."
         raise _unusable(f"{source} leaves no photo to train on", posed, placing, fix, split_notes)
     points, points_notes = _points(posed)
     centres = np.array([found.camera.centre for found in placed.values()])

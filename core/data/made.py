@@ -13,8 +13,8 @@ from core.words import list_names
 
 CONFIG = "config.json"  # of a run
 MADE_OF = "photos.json"  # of a scene made of plain photos: these files
-# What other layers write into a run. Named here, as core.run.run_folders, which deletes it all when a run
-# is replaced, cannot import them. EVALUATED: by protocol.
+# What other layers write into a run. Named here, as core.run.run_folders, which deletes it all when a run is replaced,
+# cannot import them. EVALUATED: by protocol.
 MASKS, LOOKS, PICTURES, CURVES = "masks", "appearance", "pictures", "curves"
 EVALUATED = {
     "half": ("results.json", "per_view.json", "sheet.png"),
@@ -31,8 +31,8 @@ def scene_beside(output: Path, scene: Path) -> Path:
 def made_once(
     wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report
 ) -> Path:
-    """The first of wanted, wanted-2, wanted-3, ...
-    for which `is_it` holds; if none does, the first that does not exist, made by `make`.
+    """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds;
+    if none does, the first that does not exist, made by `make`.
 
     mark: the file by which such a folder is recognised; those that were made of something else are named to the user.
     what: words for the content, such as "Points as triangulated", to say that it is used again. Raises what `make`

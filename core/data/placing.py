@@ -57,9 +57,8 @@ class Placing:
         if lens.is_spherical():
             self.said.add(f"taken by a panorama camera ({lens.model_name}), not used", photo.name)
             return None
-        if not distortion.usable(lens) or not all(
-            (np.abs(part) < LARGEST_COORDINATE).all() for part in (photo.rotation, photo.centre)
-        ):
+        pose = np.vstack([photo.rotation, photo.centre])
+        if not (distortion.usable(lens) and (np.abs(pose) < LARGEST_COORDINATE).all()):
             self.said.add("with a camera or pose that is broken, not used", photo.name)
             return None
         return self._fit(photo, lens, header)

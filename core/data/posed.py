@@ -83,9 +83,8 @@ def usable_points(positions: np.ndarray) -> tuple[np.ndarray, list[Note]]:
         frame = SceneFrame.around(positions[finite], quantile=0.5)
         finite[finite] = np.linalg.norm(frame.to_scene(positions[finite]), axis=1) < STRAY
     dropped = int((~finite).sum())
-    return finite, [
-        Note(f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out.")
-    ] if dropped else []
+    note = Note(f"{counted(dropped, 'point')} at NaN, infinite or absurd coordinates left out.")
+    return finite, [note] if dropped else []
 
 
 def from_camera_to_world(matrix: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:

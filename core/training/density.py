@@ -66,8 +66,8 @@ class DensityControl:
         return [densify.ALL_GONE] if before and not gaussians.solid else []
 
     def grow(self, gaussians: Gaussians, done: int) -> None:
-        """One round: prune, then grow within a budget that rises from round
-        to round and is max_gaussians in the last."""
+        """One round: prune, then grow within a budget
+        that rises from round to round and is max_gaussians in the last."""
         densify.prune(gaussians, self.settings, self.surroundings)
         now = sum(step <= done for step in self.grow_at) / len(self.grow_at)
         allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))

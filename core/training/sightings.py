@@ -70,8 +70,8 @@ def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sighting
 
 
 def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of rows (first, second): for each sighting the nearest one in the
-    same photo whose blur does not touch its own."""
+    """Pairs of rows (first, second):
+    for each sighting the nearest one in the same photo whose blur does not touch its own."""
     first, second = [], []
     for rows in rows_of_each(sightings.photo):
         pixels = sightings.pixel[rows]

@@ -203,13 +203,9 @@ class Trainer:
         if not hides or state.mask_mean >= mask_weights.LEAST_STATIC or state.collapse_told:
             return []
         state.collapse_told = True
-        return [
-            (
-                f"The masks hide {1 - state.mask_mean:.0%} of the photos and are held at "
-                f"{1 - mask_weights.LEAST_STATIC:.0%} from "
-            )
-            + "here on: raise mask_regularisation if the pictures in masks/ look wrong."
-        ]
+        hidden = f"The masks hide {1 - state.mask_mean:.0%} of the photos"
+        held = f"are held at {1 - mask_weights.LEAST_STATIC:.0%} from here on"
+        return [f"{hidden} and {held}: raise mask_regularisation if the pictures in masks/ look wrong."]
 
     def _skip(self, index: int, fault: str, outcome: str) -> str:
         """Count an invalid step; its warning, or, after SKIPS_TO_STOP of them in a row,
@@ -247,8 +243,8 @@ class Trainer:
                 self.ahead = self._prepare(self.state.done + 1)
 
     def _undo_ahead(self) -> None:
-        """Undo the preparation of the next step, so that `order` and the
-        random generator are as the last step left them."""
+        """Undo the preparation of the next step,
+        so that `order` and the random generator are as the last step left them."""
         if self.ahead is not None:
             self._undo_draw(self.ahead.order, self.ahead.random_state)
 

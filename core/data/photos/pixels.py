@@ -54,9 +54,8 @@ def read_pixels_and_alpha(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     truncated or no photo.
     """
     header, pixels, alpha = read_stored(path)
-    return upright(_over_white(pixels, alpha), header.orientation), None if alpha is None else upright(
-        alpha, header.orientation
-    )
+    shown = upright(_over_white(pixels, alpha), header.orientation)
+    return shown, None if alpha is None else upright(alpha, header.orientation)
 
 
 def read_light(path: Path, mask: Path | None = None) -> np.ndarray:

@@ -36,10 +36,8 @@ def read_stored(path: Path, wanted: tuple[int, int] | None = None) -> tuple[Head
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if header.kind == "TIFF":  # which Pillow has turned upright
-        pixels, alpha = (
-            as_stored(pixels, header.orientation),
-            None if alpha is None else as_stored(alpha, header.orientation),
-        )
+        pixels = as_stored(pixels, header.orientation)
+        alpha = None if alpha is None else as_stored(alpha, header.orientation)
     return header, pixels, alpha
 
 
@@ -90,9 +88,8 @@ def _in_8_bits(picture: Image.Image) -> Image.Image:
 def _in_srgb(picture: Image.Image, profile: bytes) -> Image.Image:
     """The picture in RGB, without its alpha. A profile for another kind of colours, such as CMYK, is ignored."""
     if profile:
-        of_its_kind = (
-            picture if picture.mode in ("L", "CMYK") else picture.convert("L" if picture.mode in GREYS else "RGB")
-        )
+        kind = "L" if picture.mode in GREYS else "RGB"
+        of_its_kind = picture if picture.mode in ("L", "CMYK") else picture.convert(kind)
         with suppress(ImageCms.PyCMSError):
             to_srgb = ImageCms.buildTransform(BytesIO(profile), ImageCms.createProfile("sRGB"), of_its_kind.mode, "RGB")
             return to_srgb.apply(of_its_kind)

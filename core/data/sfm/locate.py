@@ -136,9 +136,8 @@ def camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, siz
     answers = []
     for unknown in (False, True) if lens.has_prior_focal_length else (True,):
         estimation.estimate_focal_length, fitted = unknown, copy(lens)
-        if (
-            answer := pycolmap.estimate_and_refine_absolute_pose(pixels, points, fitted, estimation, refinement)
-        ) is not None:
+        answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, fitted, estimation, refinement)
+        if answer is not None:
             answers.append((answer, fitted))
     if not answers:
         return None

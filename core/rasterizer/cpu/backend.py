@@ -153,8 +153,8 @@ def coloured_lists(
 
 
 def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, camera: Camera) -> TileLists:
-    """Project these rows of the Gaussians (arrays in the order of Splats'
-    fields) and sort them into tiles, front to back."""
+    """Project these rows of the Gaussians and sort them into tiles, front to back.
+    arrays: in the order of Splats' fields."""
     view, count = View.of(camera), len(rows)
     tiles = -(-camera.width // layout.TILE) * -(-camera.height // layout.TILE)
     footprints = np.empty((count, layout.FOOTPRINT_COLUMNS), dtype=np.float32)

@@ -156,8 +156,8 @@ def centre_in_picture(offset, rotation, lens, limits, size):
 
 @part
 def sphere_meets_picture(i, offset, log_scales, rotation, lens, limits, size):
-    """Whether the picture is met by the box around an opaque sphere of
-    Gaussian `i`'s largest scale: its own lies within."""
+    """Whether the picture is met by the box around an opaque sphere of Gaussian `i`'s largest scale:
+    its own lies within."""
     fx, fy, cx, cy = lens
     inverse_depth, x, y, clamped_x, clamped_y = slopes_of(offset, rotation, limits)
     across = pixel_gradient(rotation, 0, fx * inverse_depth, clamped_x)
@@ -195,12 +195,12 @@ def project(
     begin, end, rows, means, quaternions, log_scales, logit_opacities, probe, rotation, centre, lens, limits, size,
     footprints, depths, tile_counts, tile_loads,
 ):  # fmt: skip
-    """Write the footprints (V, layout.FOOTPRINT_COLUMNS), colours apart, and the depths
-    (V,) float32 of the Gaussians rows[begin:end].
+    """Write the footprints, colours apart, and the depths of the Gaussians rows[begin:end].
 
-    rows: (V,) int64. tile_counts: (V,) int32, the number of tiles that each touches. Of the culled only this is
-    written, a zero. tile_loads: (tiles,) int32, of this block, to which it adds how many of the Gaussians touch each
-    tile. probe: (V, 2) float32, added to the centres (px), or empty.
+    rows: (V,) int64. footprints: (V, layout.FOOTPRINT_COLUMNS). depths: (V,) float32. tile_counts: (V,) int32, the
+    number of tiles that each touches. Of the culled only this is written, a zero. tile_loads: (tiles,) int32, of this
+    block, to which it adds how many of the Gaussians touch each tile. probe: (V, 2) float32, added to the centres (px),
+    or empty.
     """
     columns = (size[0] + layout.TILE - 1) // layout.TILE
     for place in range(begin, end):

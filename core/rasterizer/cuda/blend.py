@@ -60,20 +60,16 @@ def read_splat(footprints, splat, exists):
     """The six numbers of a splat's shape, as `coverage` takes them, and its colour;
     if there is none, nothing to be seen."""
     at = footprints + splat * footprint.COLUMNS
-    x, y = tl.load(at + footprint.X, mask=exists, other=0.0), tl.load(at + footprint.Y, mask=exists, other=0.0)
-    slope, sharpness = (
-        tl.load(at + footprint.SLOPE, mask=exists, other=0.0),
-        tl.load(at + footprint.SHARPNESS, mask=exists, other=0.0),
-    )
-    fall, strength = (
-        tl.load(at + footprint.FALL, mask=exists, other=0.0),
-        tl.load(at + footprint.STRENGTH, mask=exists, other=float("-inf")),
-    )
-    red, green = (
-        tl.load(at + footprint.RED, mask=exists, other=0.0),
-        tl.load(at + footprint.GREEN, mask=exists, other=0.0),
-    )
-    return (x, y, slope, sharpness, fall, strength), (red, green, tl.load(at + footprint.BLUE, mask=exists, other=0.0))
+    x = tl.load(at + footprint.X, mask=exists, other=0.0)
+    y = tl.load(at + footprint.Y, mask=exists, other=0.0)
+    slope = tl.load(at + footprint.SLOPE, mask=exists, other=0.0)
+    sharpness = tl.load(at + footprint.SHARPNESS, mask=exists, other=0.0)
+    fall = tl.load(at + footprint.FALL, mask=exists, other=0.0)
+    strength = tl.load(at + footprint.STRENGTH, mask=exists, other=float("-inf"))
+    red = tl.load(at + footprint.RED, mask=exists, other=0.0)
+    green = tl.load(at + footprint.GREEN, mask=exists, other=0.0)
+    blue = tl.load(at + footprint.BLUE, mask=exists, other=0.0)
+    return (x, y, slope, sharpness, fall, strength), (red, green, blue)
 
 
 @triton.jit

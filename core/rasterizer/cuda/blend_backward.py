@@ -22,11 +22,8 @@ LANES = tl.constexpr(32)
 # Of a row of the slots' gradients.
 SUM_G, SUM_GE, SUM_GEE = tl.constexpr(layout.SUM_G), tl.constexpr(layout.SUM_GE), tl.constexpr(layout.SUM_GEE)
 SUM_GY, SUM_GEY, SUM_GYY = tl.constexpr(layout.SUM_GY), tl.constexpr(layout.SUM_GEY), tl.constexpr(layout.SUM_GYY)
-SUM_RED, SUM_GREEN, SUM_BLUE = (
-    tl.constexpr(layout.SUM_RED),
-    tl.constexpr(layout.SUM_GREEN),
-    tl.constexpr(layout.SUM_BLUE),
-)
+SUM_RED, SUM_GREEN = tl.constexpr(layout.SUM_RED), tl.constexpr(layout.SUM_GREEN)
+SUM_BLUE = tl.constexpr(layout.SUM_BLUE)
 SLOT_COLUMNS = tl.constexpr(layout.SLOT_COLUMNS)
 
 BLOCK = 4  # Gaussians per program of `add_up`, whose loads hide each other's waiting
@@ -124,14 +121,8 @@ def over_pixels(g, ge, gee, gy, gey, gyy, red, green, blue, lane):
     At every halving of the warp a lane keeps one value of two and hands on the other: twelve shuffles, where nine sums
     by themselves take 45.
     """
-    g, ge, gee, gy, gey, gyy = (
-        over_rows(g),
-        over_rows(ge),
-        over_rows(gee),
-        over_rows(gy),
-        over_rows(gey),
-        over_rows(gyy),
-    )
+    g, ge, gee = over_rows(g), over_rows(ge), over_rows(gee)
+    gy, gey, gyy = over_rows(gy), over_rows(gey), over_rows(gyy)
     red, green, blue = over_rows(red), over_rows(green), over_rows(blue)
     first, second = halved(g, ge, lane, 16), halved(gee, gy, lane, 16)
     third, fourth = halved(gey, gyy, lane, 16), halved(red, green, lane, 16)

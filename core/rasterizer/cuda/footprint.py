@@ -10,11 +10,8 @@ TILE, COLUMNS = tl.constexpr(layout.TILE), tl.constexpr(layout.FOOTPRINT_COLUMNS
 X, Y, SLOPE = tl.constexpr(layout.X), tl.constexpr(layout.Y), tl.constexpr(layout.SLOPE)
 SHARPNESS, FALL, STRENGTH = tl.constexpr(layout.SHARPNESS), tl.constexpr(layout.FALL), tl.constexpr(layout.STRENGTH)
 RED, GREEN, BLUE = tl.constexpr(layout.RED), tl.constexpr(layout.GREEN), tl.constexpr(layout.BLUE)
-HALF_HEIGHT, HALF_WIDTH, LEAN = (
-    tl.constexpr(layout.HALF_HEIGHT),
-    tl.constexpr(layout.HALF_WIDTH),
-    tl.constexpr(layout.LEAN),
-)
+HALF_HEIGHT, HALF_WIDTH = tl.constexpr(layout.HALF_HEIGHT), tl.constexpr(layout.HALF_WIDTH)
+LEAN = tl.constexpr(layout.LEAN)
 
 # Where the ellipse ends depends on roots of differences, which float32 rounds by more than a pixel for ellipses of a
 # thousand pixels. So it is made larger, by far more than alpha is rounded: a generous bound costs a test, a narrow one
@@ -26,8 +23,8 @@ SLACK = tl.constexpr(1e-6)  # of the distances, eight times float32's rounding
 
 @triton.jit
 def tiles_between(low, high, slack, size):
-    """The tiles [first, last) along an axis of `size` pixels that hold pixel
-    centres in [low - slack, high + slack] (px)."""
+    """The tiles [first, last) along an axis of `size` pixels
+    that hold pixel centres in [low - slack, high + slack] (px)."""
     # Clamped before it becomes an integer: the cast of a float beyond the integers' range is undefined.
     first_pixel = tl.ceil(tl.minimum(tl.maximum(low - slack - 0.5, 0.0), size)).to(tl.int32)
     last_pixel = tl.floor(tl.minimum(tl.maximum(high + slack - 0.5, -1.0), size - 1.0)).to(tl.int32)

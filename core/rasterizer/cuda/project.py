@@ -76,8 +76,8 @@ def project(
     means, quaternions, log_scales, logit_opacities, sh, probe, view, footprints, depths, tile_counts, count,
     COEFFICIENTS: tl.constexpr, PROBED: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Write the footprints (N, footprint.COLUMNS) of the Gaussians, their depths
-    (N,) and how many tiles each touches (N,).
+    """Write the footprints (N, footprint.COLUMNS) of the Gaussians,
+    their depths (N,) and how many tiles each touches (N,).
 
     Of the culled no footprint is written, a depth of infinity, and a count of 0. probe: (N, 2), added to the centres
     (px); read if PROBED.

@@ -128,8 +128,8 @@ class Gaussians:
 
     @staticmethod
     def from_tensors(flat: dict[str, Tensor], sky: int) -> "Gaussians":
-        """The inverse of `tensors`; raises KeyError or ValueError for a set
-        that is incomplete or does not fit together."""
+        """The inverse of `tensors`;
+        raises KeyError or ValueError for a set that is incomplete or does not fit together."""
         groups = {
             group: {key.split(".", 1)[1]: tensor for key, tensor in flat.items() if key.startswith(group + ".")}
             for group in ("parameters", *MOMENTS)

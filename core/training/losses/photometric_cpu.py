@@ -120,11 +120,9 @@ def _forward_rows(x, y, y_mean, y_mean_square, weights, ssim_weight, scale, begi
 def _blur_products(x, y, row, lines):
     """The window down every column of x, x^2 and x y, from `row` on, into the middle of three padded lines."""
     width = x.shape[1]
-    means, squares, products = (
-        lines[0, RADIUS : RADIUS + width],
-        lines[1, RADIUS : RADIUS + width],
-        lines[2, RADIUS : RADIUS + width],
-    )
+    means = lines[0, RADIUS : RADIUS + width]
+    squares = lines[1, RADIUS : RADIUS + width]
+    products = lines[2, RADIUS : RADIUS + width]
     means[:] = _ZERO
     squares[:] = _ZERO
     products[:] = _ZERO

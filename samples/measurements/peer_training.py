@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from core.data.collection import Collection
 from core.scene.harmonics import coefficient_count, dc_of_colour
 from core.scene.splats import Splats
+from core.training.gaussians.initialisation import spacings
 from core.training.losses.photometric import photometric
 from core.training.sized_photos import SizedPhotos
 from samples.measurements.peer import picture
@@ -95,8 +95,7 @@ def first_parameters(
 ) -> dict[str, torch.nn.Parameter]:
     """Gaussians at all SfM points, as large as the distances to the nearest three, by gsplat's names."""
     points, count = collection.points, len(collection.points)
-    distances = cKDTree(points).query(points, k=4)[0][:, 1:]
-    scales = torch.from_numpy(np.sqrt((distances**2).mean(axis=1)).clip(1e-7)) * control.scale
+    scales = torch.from_numpy(spacings(points).clip(1e-7)) * control.scale
     started = {
         "means": torch.from_numpy(points),
         "scales": torch.log(scales)[:, None].repeat(1, 3),

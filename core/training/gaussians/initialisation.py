@@ -30,10 +30,8 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
     if len(points) > room:
         chosen = np.sort(torch.randperm(len(points), generator=generator)[:room].numpy())
         points, colours = points[chosen], colours[chosen]
-    distances = cKDTree(points).query(points, k=range(1, min(4, len(points)) + 1))[0][:, 1:]
-    spacing = np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), LONE_SPACING)
     # A lonely point must not start as haze over everything.
-    scales = np.clip(spacing, LEAST_SCALE, settings.largest_scale / 2)
+    scales = np.clip(spacings(points), LEAST_SCALE, settings.largest_scale / 2)
     parts = [_isotropic(points, scales, colours, INITIAL_OPACITY, settings.sh_degree)]
     sky = 0
     if settings.sky == "dome":
@@ -43,6 +41,12 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
     if settings.latent_size and settings.appearance == "full":
         parameters["latents"] = torch.zeros(len(parameters["means"]), settings.latent_size)
     return Gaussians.of(parameters, sky)
+
+
+def spacings(points: np.ndarray) -> np.ndarray:
+    """(N,) root mean square distance of each point (N, 3) to the three nearest others, as 3DGS has it."""
+    distances = cKDTree(points).query(points, k=range(1, min(4, len(points)) + 1))[0][:, 1:]
+    return np.sqrt((distances**2).mean(axis=1)) if distances.size else np.full(len(points), LONE_SPACING)
 
 
 def sky_dome(collection: Collection, settings: Settings) -> Splats:

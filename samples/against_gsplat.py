@@ -14,7 +14,6 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from statistics import fmean
 from types import ModuleType
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -28,7 +27,7 @@ import click
 from core.data.load import load_collection
 from core.errors import BadInput
 from core.evaluation import lpips
-from core.evaluation.protocols import measure
+from core.evaluation.protocols import Distance, measure
 from core.looks.held_out_views import over_views
 from core.looks.trained import TrainedRun, load_run
 from core.report import Report
@@ -62,10 +61,12 @@ def main(run_folder: Path | None, lengths: tuple[int, ...], sh_degree: int | Non
         check_file(file)
     settings, rows = trained.settings, []
     degree = settings.sh_degree if sh_degree is None else sh_degree
+    if (distance := lpips.load()) is not None:
+        distance.to(trained.device)
     with Terminal() as terminal:
 
         def add(method: str, run: TrainedRun, steps: int, seconds: float) -> None:
-            rows.append(row(method, run, steps, seconds, terminal))
+            rows.append(row(method, run, steps, seconds, distance, terminal))
             if file:
                 write_json(file, rows)  # each time, as the next one takes minutes
 
@@ -102,10 +103,10 @@ def usable_peer(trained: TrainedRun) -> ModuleType:
     return found
 
 
-def row(method: str, trained: TrainedRun, steps: int, seconds: float, report: Report) -> dict[str, str]:
-    """A line of the table."""
-    if (distance := lpips.load()) is not None:
-        distance.to(trained.device)
+def row(
+    method: str, trained: TrainedRun, steps: int, seconds: float, distance: Distance | None, report: Report
+) -> dict[str, str]:
+    """A line of the table. distance: LPIPS, if its weights are there."""
     photos = trained.collection.split("test")
     views = [
         view
@@ -115,14 +116,13 @@ def row(method: str, trained: TrainedRun, steps: int, seconds: float, report: Re
     ]
     against = "clean" if all("clean" in view.scores for view in views) else "photo"
     scores = [view.scores[against]["zero_shot"] for view in views]
-    found = [[getattr(score, metric) for score in scores] for metric in METRICS]
-    means = [None if None in values else fmean(values) for values in found]
+    found = ([getattr(score, metric) for score in scores] for metric in METRICS)
     return {
         "method": method,
         "steps": f"{steps:,}",
         "Gaussians": f"{len(trained.splats):,}",
         "SH degree": f"{trained.splats.degree}",
-        "PSNR / SSIM / LPIPS": " / ".join(cell([mean], "{:.2f}") for mean in means),
+        "PSNR / SSIM / LPIPS": " / ".join(cell(values, "{:.2f}", False) for values in found),
         "training s": f"{seconds:.0f}",
     }
 

@@ -157,21 +157,9 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
     "-o", "--output", type=arguments.PATH, default=SAMPLE, show_default="samples/plaza", help="Folder to write."
 )
 @click.option("--variant", type=click.Choice(list(shots.VARIANTS)), help=f"{KINDS}; needs --output.")
-@click.option(
-    "--times",
-    type=arguments.AT_LEAST_ONE,
-    default=1,
-    show_default=True,
-    help="So many times the photos of each light; needs --output.",
-)
-@click.option(
-    "--grid",
-    type=arguments.AT_LEAST_ONE,
-    default=2,
-    show_default=True,
-    help="Sub-samples per pixel along each side; 1 is a quick look.",
-)
-@click.option("--processes", type=arguments.AT_LEAST_ONE, default=2, show_default=True, help="Processes to work in.")
+@arguments.count("--times", 1, "So many times the photos of each light; needs --output.")
+@arguments.count("--grid", 2, "Sub-samples per pixel along each side; 1 is a quick look.")
+@arguments.count("--processes", 2, "Processes to work in.")
 @click.option("--force", is_flag=True, help="Replace the folder if it holds such a collection.")
 def main(output: Path, variant: str | None, times: int, grid: int, processes: int, force: bool) -> None:
     """Make the plaza sample: photos, truth and COLMAP model."""

@@ -69,13 +69,7 @@ class Standpoint:
 
 @click.command(cls=OneLineErrors)
 @arguments.run
-@click.option(
-    "--grid",
-    default=2,
-    show_default=True,
-    type=arguments.AT_LEAST_ONE,
-    help="Sub-samples per pixel of the truth along each side.",
-)
+@arguments.count("--grid", 2, "Sub-samples per pixel of the truth along each side.")
 def main(run_folder: Path | None, grid: int) -> None:
     """Score the looks of RUN's held-out photos as other cameras see them."""
     trained, held_out = opened(run_folder)

@@ -52,13 +52,7 @@ HEADER = (
 @arguments.scenes
 @arguments.preset
 @arguments.steps(1200)
-@click.option(
-    "--repeats",
-    default=2,
-    show_default=True,
-    type=arguments.AT_LEAST_ONE,
-    help="Runs of each kind; seconds are their median.",
-)
+@arguments.count("--repeats", 2, "Runs of each kind; seconds are their median.")
 @arguments.output("runs/unneeded")
 def main(scenes: tuple[Path, ...], preset_name: str, steps: int, repeats: int, output: Path) -> None:
     """Train each of SCENES as its photos decide, and as the rival does; prints a table for the README."""

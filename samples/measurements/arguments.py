@@ -36,9 +36,14 @@ def resolution(default: int = UNDECIDED) -> Decorator:
     return click.option("-r", "--resolution", default=default, show_default=True, help="As of `wegs train`.")
 
 
+def count(flag: str, default: int, what: str) -> Decorator:
+    """An option that is a number of things, at least one."""
+    return click.option(flag, default=default, show_default=True, type=AT_LEAST_ONE, help=what)
+
+
 def seeds(default: int, what: str) -> Decorator:
     """what: each seed gives one of these."""
-    return click.option("--seeds", default=default, show_default=True, type=AT_LEAST_ONE, help=what)
+    return count("--seeds", default, what)
 
 
 def protocol(*default: str) -> Decorator:

@@ -212,7 +212,7 @@ def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:
 
 
 def _refuse_unknown_to_table(trained: TrainedRun, name: str) -> None:
-    if trained.has_looks and not trained.settings.encodes_photos:
+    if trained.model.embedding_table is not None:
         raise BadInput(
             f"{name} is not a training photo, and a run with embedding=glo knows no other looks.",
             "Name a training photo, or train with embedding=encoder.",

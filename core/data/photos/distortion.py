@@ -128,6 +128,7 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
     picture = np.empty((camera.height, camera.width, pixels.shape[2]), np.uint8)
     valid = np.empty((camera.height, camera.width), bool)
     rows = max(1, BLOCK_PIXELS // camera.width)
+    how: dict[str, Any] = {"map2": None, "interpolation": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REPLICATE}
     for top in range(0, camera.height, rows):
         y, x = np.mgrid[top : min(top + rows, camera.height), : camera.width] + 0.5
         directions, seen = followed(np.stack([x.ravel(), y.ravel()], axis=1))
@@ -141,7 +142,6 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
         source = source.reshape(*x.shape, 2)
         # As many channels as OpenCV remaps at once.
         fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))
-        how: dict[str, Any] = {"map2": None, "interpolation": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REPLICATE}
         picture[block] = np.dstack([cv2.remap(four, source, **how) for four in fours])
         valid[block] = inside.reshape(x.shape)
     return picture, valid

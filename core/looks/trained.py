@@ -37,22 +37,26 @@ class TrainedRun:
     """What `load_run` finds in a run folder.
 
     splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one row a Gaussian, if the run
-    has any. state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for
-    `model.photo_names[i]`, from the GLO table or from the encoder as it was at the end of training; None while the
-    encoder's training is unfinished, and without looks. A TrainedRun is a Subject of core.evaluation.
+    has any. state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for `model.photo_names[i]`, from
+    the GLO table or from the encoder as it was at the end of training; None while the encoder's training is unfinished,
+    and without looks. A TrainedRun is a Subject of core.evaluation.
     """
 
     folder: Path
     identity: str
     settings: Settings
     collection: Collection
-    step: int
     state: RunState
     splats: Splats
     sky: int
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
     photo_embeddings: Float[Tensor, "k e"] | None = None
+
+    @property
+    def step(self) -> int:
+        """Steps done."""
+        return self.state.done
 
     @property
     def seconds(self) -> float:
@@ -175,7 +179,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
         if encoded:
             model.meet_as_finished(encoded["masked"], encoded["unmasked"])
-        step, state = saved.facts["step"], RunState(**saved.facts["trainer"])
+        state = RunState(**saved.facts["trainer"])
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
     photo_embeddings = encoded.get("masked") if model.embedding_table is None else model.embedding_table
@@ -184,7 +188,6 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         identity,
         settings,
         collection,
-        step,
         state,
         splats,
         gaussians.sky,

@@ -157,7 +157,7 @@ def test_a_photo_darker_than_all_others_makes_a_dark_look(trained, tmp_path):
     assert torch.equal(torch.tensor(json.loads(kept.read_text())["tone"]), look.colouring.tone)  # the gains in numbers
     assert torch.equal(rendered(trained, find_look(trained, "night")), shown)
     with pytest.raises(BadInput, match="Save the look again"):  # what its numbers mean was still being learned
-        find_look(replace(trained, step=trained.step + 1), "night")
+        find_look(replace(trained, state=replace(trained.state, done=trained.step + 1)), "night")
     frames = [rendered(trained, blend(find_look(trained, "neutral"), look, share)) for share in np.linspace(0, 1, 10)]
     steps = [float((after - before).abs().mean()) for before, after in pairwise(frames)]
     assert torch.equal(frames[-1], shown) and max(steps) <= 2 * np.mean(steps)

@@ -1,5 +1,6 @@
 """The structure of the code: imports point down, files stay readable, and Triton is not needed without a GPU."""
 
+import ast
 import importlib.util
 import re
 import subprocess
@@ -11,6 +12,7 @@ ROOT = Path(__file__).parents[1]
 LONGEST_FILE = 350
 SOURCES = sorted([*ROOT.glob("core/**/*.py"), *ROOT.glob("wegs_cli/**/*.py")])
 CUDA = ROOT / "core" / "rasterizer" / "cuda"
+MAPPED = ("appearance", "bench", "data", "pipeline", "rasterizer", "run", "training")  # docstrings that list modules
 LINT = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True))"
 IMPORT_WITHOUT_TRITON = """
 import sys
@@ -47,3 +49,11 @@ def test_the_modules_whose_shapes_are_checked_exist():
     modules = options.partition("--jaxtyping-packages=")[2].split(" ")[0].split(",")
     found = [name for name in modules if name.startswith("core.") and importlib.util.find_spec(name)]
     assert found == [name for name in modules if name.startswith("core.")] and len(found) > 20
+
+
+def test_a_package_that_lists_its_modules_lists_them_all():
+    unlisted = []
+    for folder in (ROOT / "core" / name for name in MAPPED):
+        listed = re.findall(r"\w+", ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))))
+        unlisted += [path for path in folder.glob("[a-z]*.py") if path.stem.removesuffix("_cuda") not in listed]
+    assert unlisted == []

@@ -7,8 +7,8 @@ baking         the run in one look, named or read from a photo, becomes a file  
 interpolating  a fade from one look to another becomes frames and, if wanted, .ply files   `wegs interpolate`
 evaluating     the run is measured against the photos that were held out                   `wegs eval`
 
-`wegs doctor` and `wegs bench` are in core.doctor and core.bench. No file has the name of a function:
-`core.pipeline.train` is the function.
+`opened` finds and loads the run that a command works on. `wegs doctor` and `wegs bench` are in core.doctor and
+core.bench. No file has the name of a function: `core.pipeline.train` is the function.
 """
 
 from core.pipeline.baking import bake_to_file

@@ -2,7 +2,7 @@
 
 A Gaussian outside the view has no gradient; updating it all the same would move it by stale momentum and cost memory
 traffic for the whole scene. Each row counts its own updates, so rows born late get the right bias correction. What
-begins to learn later than a row's harmonics has no such correction: its first hundred steps are two to four times too
+begins to learn later than a row's harmonics has no such correction: its first hundred steps are up to six times too
 long, which did no harm (core/TRIED.md).
 """
 

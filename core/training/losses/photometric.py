@@ -5,7 +5,7 @@
 V is the number of valid pixels, whatever the weights: a mask that hides half of a photo halves its loss, so hidden
 pixels do not make the visible ones count more. SSIM is that of the original 3DGS: an 11 x 11 Gaussian window of sigma
 1.5, constants 0.01^2 and 0.03^2 for a range of 1, and zeros beyond the picture. Invalid pixels are beyond the picture:
-zero on both sides. Paper: section IV-C (lambda_SSIM = 0.2 is `ssim_weight`, lambda_1 = 0.8 the rest). This module is
+zero on both sides. Paper: eq. 20 (lambda_ssim = 0.2 is `ssim_weight`, lambda_1 = 0.8 the rest). This module is
 the definition, in any dtype on any device; float32 goes through core.training.losses.photometric_cpu on a CPU and
 photometric_cuda on a GPU, which equal it.
 """
@@ -199,7 +199,7 @@ def plain_photometric(
 def photometric_paper(
     image: Float[Tensor, "h w 3"], target: Target, mask: Float[Tensor, "h w"], ssim_weight: float
 ) -> Float[Tensor, ""]:
-    """`photometric` as the paper writes it: both pictures are multiplied by the mask before L1 and SSIM.
+    """`photometric` as the paper writes it (eq. 20): both pictures are multiplied by the mask before L1 and SSIM.
 
     The loss is the plain mean over valid pixels; masked areas match trivially, which rewards a mask of zero.
     """

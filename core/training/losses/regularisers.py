@@ -1,5 +1,5 @@
 """L_regM, L_regSH and L_regTS, which hold masks open, residuals small and passers-by transparent
-(paper, sections IV-A and IV-C).
+(paper, eqs. 21, 13 and 22).
 
 Unlike the paper's, the first two are means; L_regTS spares Gaussians that are not at the front.
 """

@@ -1,12 +1,17 @@
-"""A limit on the memory of this process, held by the system: an allocation beyond it fails at once."""
+"""How much memory this process may take; and a limit on it, held by the system: an allocation beyond fails at once."""
 
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 
 from core.errors import BadSetting
 
 GIB = 1 << 30
 # Bytes of torch, Numba and others that are mapped from their files: the limit below leaves them out.
 LIBRARIES = 300 << 20
+GROUPS, OF_PROCESS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 def hold_to(gib: float) -> None:
@@ -41,3 +46,24 @@ def limit() -> int | None:
 
     soft, _ = resource.getrlimit(resource.RLIMIT_DATA)
     return None if soft == resource.RLIM_INFINITY else soft
+
+
+def room() -> int | None:
+    """The bytes that this process may take: what the machine has, what the container or job allows that it runs in
+    (beyond, the system kills it), or the `limit`, whichever is least. None if nothing is known of them."""
+    known = [limit(), *_of_groups()]
+    if "SC_PHYS_PAGES" in getattr(os, "sysconf_names", ()):  # Windows has none
+        known.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    return min((size for size in known if size is not None), default=None)
+
+
+def _of_groups() -> Iterator[int]:
+    """The limits of the control groups that this process is in, cgroups(7). A container sees its own as the root."""
+    with suppress(OSError):  # other systems have none
+        for line in OF_PROCESS.read_text().splitlines():
+            _, kind, group = line.split(":", 2)
+            if kind in ("", "memory"):  # of version 2, of version 1
+                root, name = (GROUPS / kind, "memory.limit_in_bytes" if kind else "memory.max")
+                for folder in (root / group[1:], *(root / group[1:]).parents):
+                    with suppress(OSError, ValueError):  # none here; "max"
+                        yield int((folder / name).read_text())

@@ -79,9 +79,34 @@ def test_a_lower_limit_of_the_shell_is_reported(monkeypatch):
         memory.hold_to(4)
 
 
-def test_features_are_found_and_matched_on_as_many_threads_as_fit(soft_limit_put_back, monkeypatch):
+@pytest.mark.parametrize(
+    "of_process, group",
+    [
+        ("0::/job/step\n", "job/memory.max"),  # of the job that the process is a step of
+        ("0::/\n", "memory.max"),  # a container's
+        ("4:memory:/docker/ab\n0::/\n", "memory/memory.limit_in_bytes"),  # one's that is told of its place outside
+        ("4:memory:/job\n1:cpu:/\n", "memory/job/memory.limit_in_bytes"),
+    ],
+)
+def test_room_is_that_of_the_machine_the_control_group_or_the_limit(
+    soft_limit_put_back, tmp_path, monkeypatch, of_process, group
+):
+    monkeypatch.setattr(memory.os, "sysconf", {"SC_PHYS_PAGES": 1 << 21, "SC_PAGE_SIZE": 1 << 12}.__getitem__)
+    monkeypatch.setattr(memory, "GROUPS", tmp_path)
+    monkeypatch.setattr(memory, "OF_PROCESS", tmp_path / "none")
+    assert memory.room() == 8 * memory.GIB
+    monkeypatch.setattr(memory, "OF_PROCESS", tmp_path / "cgroup")
+    (tmp_path / "cgroup").write_text(of_process)
+    (tmp_path / group).parent.mkdir(parents=True, exist_ok=True)
+    for written, room in (("max", 8), (1 << 63, 8), (4 * memory.GIB, 4)):
+        (tmp_path / group).write_text(f"{written}\n")
+        assert memory.room() == room * memory.GIB
+    memory.hold_to(3)
+    assert memory.room() == memory.limit() < 3 * memory.GIB
+
+
+def test_features_are_found_and_matched_on_as_many_threads_as_fit(monkeypatch):
     monkeypatch.setattr(features.threads, "cores", lambda: 16)
-    assert features.threads_within_limit() == 16
-    for gib, fitting in ((1, 1), (2, 2), (4, 7), (50, 16)):
-        memory.hold_to(gib)
-        assert features.threads_within_limit() == fitting
+    for gib, fitting in ((None, 16), (1, 1), (2, 1), (4, 3), (50, 16)):
+        monkeypatch.setattr(features.memory, "room", lambda gib=gib: gib and gib * memory.GIB)
+        assert features.threads_within_room() == fitting

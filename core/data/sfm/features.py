@@ -30,8 +30,9 @@ PART_S = 3.0  # features and matches are computed in parts that take this long, 
 PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
 MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, however fast: those that are in the database already take no time
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
-# Memory for a thread that finds or matches MOST_FEATURES in photos of LONG_SIDE_PX, and for the rest of the program.
-THREAD_BYTES, OTHER_BYTES = 400 << 20, 600 << 20
+# Memory for a thread that finds or matches MOST_FEATURES in square photos of LONG_SIDE_PX, in others less, and for the
+# rest of the program; allocated, as `memory.limit` counts: a fifth of it is never touched.
+THREAD_BYTES, OTHER_BYTES = 900 << 20, 600 << 20
 HALF = 128  # of 255: features are extracted where less of a pixel than this is empty space
 
 
@@ -77,7 +78,7 @@ def extract(work: Path, names: list[str], report: Report, masks: Path | None = N
     options.use_gpu = False
     options.max_image_size = LONG_SIDE_PX
     options.sift.max_num_features = most
-    options.num_threads = threads_within_limit()
+    options.num_threads = threads_within_room()
     for done, part in in_parts(names, 2, MOST_PHOTOS):
         check_growth(work / DATABASE, len(part) * PHOTO_BYTES)
         _number(work, part)
@@ -116,7 +117,7 @@ def match(
     """
     options = pycolmap.FeatureMatchingOptions()
     options.use_gpu = False
-    options.num_threads = threads_within_limit()
+    options.num_threads = threads_within_room()
     options.skip_geometric_verification = not verify
     options.sift.max_ratio = ratio
     verification = pycolmap.TwoViewGeometryOptions(min_num_inliers=LEAST_INLIERS)
@@ -137,9 +138,9 @@ def match(
         report.progress("Matches", done, len(lines))
 
 
-def threads_within_limit() -> int:
-    """One thread a core, or as many as fit into the memory limit: beyond it, pycolmap would end the whole program."""
-    cores, room = threads.cores(), memory.limit()
+def threads_within_room() -> int:
+    """One thread a core, or as many as memory has room for: beyond it, pycolmap or the system would end the program."""
+    cores, room = threads.cores(), memory.room()
     return cores if room is None else max(1, min(cores, (room - OTHER_BYTES) // THREAD_BYTES))
 
 

@@ -34,7 +34,7 @@ from core.system.atomic import write_text
 from samples.measurements import arguments, markdown
 from samples.measurements.finished import measured, with_split
 from samples.measurements.seeds import METRICS, cell, folder_name, results_of, scores_of
-from samples.measurements.variants import FULL, VARIANTS
+from samples.measurements.variants import FULL, PAPER_PSNR, VARIANTS
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -99,7 +99,7 @@ def ablate(
 
     variants: changes of the settings `base`, by name. folder: of the runs.
     """
-    runs = {name: [] for name in variants}
+    runs: dict[str, list[dict]] = {name: [] for name in variants}
     for seed in range(seeds):
         for number, (name, changes) in enumerate(variants.items(), 1):
             full = base.changed(seed=seed)
@@ -140,7 +140,7 @@ def table(scene: str, protocol: str, runs: dict[str, list[dict]]) -> str:
         cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}"))
         cells.append(cell([result["training_seconds"] for result in results], "{:.0f}"))
         paper = VARIANTS[name]
-        cells.append("" if paper.psnr is None or name == FULL else f"{paper.psnr - VARIANTS[FULL].psnr:+.2f}")
+        cells.append("" if paper.psnr is None or name == FULL else f"{paper.psnr - PAPER_PSNR:+.2f}")
         cells.append("" if paper.megabytes is None else f"{paper.megabytes}")
         rows.append(cells)
     return f"{how}\n\n{markdown.table(HEADER, rows)}"

@@ -22,6 +22,7 @@ from samples.measurements.begin import begin
 
 begin()
 
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -40,7 +41,7 @@ from wegs_cli.main import OneLineErrors
 
 SMALL = 0.01  # of all sizes
 
-MEASUREMENTS = {
+MEASUREMENTS: dict[str, Callable[[float], dict]] = {
     "step": partial(steps.measure_step, settings=steps.EVERYTHING),
     "plain-step": partial(steps.measure_step, settings=steps.PLAIN),
     "rasterizer": drawing.measure_rasterizer,
@@ -63,11 +64,12 @@ def measure(name: str, scale: float) -> dict:
 def tables(name: str, measured: dict) -> list[rich.table.Table]:
     """A measurement's parts with their milliseconds, and its series, if it has one, with a row per size."""
     facts = ", ".join(f"{fact} {value}" for fact, value in measured["facts"].items())
-    titles = {"title": f"{name}: peak memory {measured['peak_memory_mb']:.0f} MB", "caption": facts}
+    title = f"{name}: peak memory {measured['peak_memory_mb']:.0f} MB"
+    table = partial(rich.table.Table, title=title, caption=facts)
     made = []
     if measured["parts"]:
         whole = measured["parts"].get("whole")
-        profile = rich.table.Table("ms", **titles)
+        profile = table("ms")
         for column in ("CPU median", "quartiles", "mean", "wall median", "share"):
             profile.add_column(column, justify="right", no_wrap=True)
         for part, spent in measured["parts"].items():
@@ -78,7 +80,7 @@ def tables(name: str, measured: dict) -> list[rich.table.Table]:
             profile.add_row(part, median, f"{low} - {high}", mean, f"{1e3 * spent['median'][WALL]:.1f}", share)
         made.append(profile)
     if "series" in measured:
-        series = rich.table.Table(*measured["series"]["columns"], **titles)
+        series = table(*measured["series"]["columns"])
         for row in measured["series"]["rows"]:
             series.add_row(*(f"{value:.1f}" if isinstance(value, float) else f"{value}" for value in row))
         made.append(series)
@@ -94,15 +96,17 @@ def main(what: tuple[str, ...], file: Path | None, small: bool) -> None:
     if file:
         check_file(file)
     scale = SMALL if small else 1.0
-    result = {"machine": made_on(0), "scale": scale, "seconds": ["CPU", "wall"], "measurements": {}}
-    rich.print(result["machine"])
+    machine = made_on(0)
+    measurements: dict[str, dict] = {}
+    rich.print(machine)
     for name in what or MEASUREMENTS:
         with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # a fork would begin with this process's memory
-            result["measurements"][name] = pool.submit(measure, name, scale).result()
-        rich.print(*tables(name, result["measurements"][name]))
-    click.echo(markdown.table(targets.HEADER, targets.lines(result["measurements"])))
+            measurements[name] = pool.submit(measure, name, scale).result()
+        rich.print(*tables(name, measurements[name]))
+    click.echo(markdown.table(targets.HEADER, targets.lines(measurements)))
     if file:
-        write_json(file, result)
+        seconds = ["CPU", "wall"]
+        write_json(file, {"machine": machine, "scale": scale, "seconds": seconds, "measurements": measurements})
 
 
 if __name__ == "__main__":

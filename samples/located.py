@@ -62,8 +62,8 @@ def main(run_folder: Path | None) -> None:
         rows.append((off, *decibels))
     click.echo(f"{len(rows)} of {len(held_out)} found")
     if rows:
-        offs, *decibels = np.array(rows).T
-        means = (values.mean() for values in decibels)
+        offs, *columns = np.array(rows).T
+        means = (column.mean() for column in columns)
         click.echo(f"median {np.median(offs):.2f} px off; mean of {FIGURES.format(*means)}")
 
 

@@ -27,6 +27,7 @@ begin()
 import click
 import cv2
 import numpy as np
+from PIL import Image
 
 from core.errors import BadInput, BadSetting
 from core.system.atomic import filling
@@ -69,8 +70,9 @@ def _take(shot: Shot, output: Path, photo: str, mask: str | None, grid: int) -> 
     moving = picture.transient > 0
     if mask:
         _write(output / mask, np.where(moving, 0, 255).astype(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)
-    saved = cv2.cvtColor(cv2.imread(str(output / photo)), cv2.COLOR_BGR2RGB)
-    return Taken(f"{shot.name}.jpg", shot.view, saved, picture.depth, moving), float(moving.mean())
+    return Taken(f"{shot.name}.jpg", shot.view, np.asarray(Image.open(output / photo)), picture.depth, moving), float(
+        moving.mean()
+    )
 
 
 def _clean(shot: Shot, look: Look, output: Path, path: str, grid: int) -> None:
@@ -119,10 +121,10 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
         collection = shots.variant(collection, variant)
     tested = [shot for shot in collection if shot.name in test]
     central = sorted(tested, key=lambda shot: abs(shot.view.centre[0]))[:STYLE_VIEWS]
-    takes = [
+    takes: list[partial] = [
         partial(_take, s, output, f"dense/images/{s.name}.jpg", f"truth/masks/{s.name}.png", grid) for s in collection
     ]
-    extra = [partial(_take, s, output, f"styles/{s.name}.jpg", None, grid) for s in styles]
+    extra: list[partial] = [partial(_take, s, output, f"styles/{s.name}.jpg", None, grid) for s in styles]
     extra += [partial(_clean, s, s.look, output, f"truth/clean/{s.name}.png", grid) for s in tested]
     extra += [
         partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central

@@ -155,9 +155,9 @@ def scores(
 ) -> list[float]:
     """PSNR (dB) of each look, seen from a place, against the empty square in that light."""
     camera = place.camera
-    truth = lit(place.view, light, world, grid)
-    truth = cv2.resize(truth, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    truth = quantised(torch.from_numpy(truth).to(trained.device))
+    whole = lit(place.view, light, world, grid)
+    sized = cv2.resize(whole, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    truth = quantised(torch.from_numpy(sized).to(trained.device))
     seen = trained.seen_by(camera)
     with torch.no_grad():
         return [psnr(quantised(seen.render(look)), truth) for look in looks]

@@ -49,9 +49,10 @@ def wrong_cameras(model: pycolmap.Reconstruction, photos: list[Path]) -> None:
     """One training photo with a focal length of 3e6 px, another a million units off."""
     first, second = (model.find_image_with_name(path.name) for path in photos[:2])
     camera = model.cameras[first.camera_id]
-    camera.params = np.array([3e6, 3e6, *camera.params[2:]])
-    pose = second.frame.rig_from_world
-    second.frame.rig_from_world = pycolmap.Rigid3d(pose.rotation, pose.translation + 1e6)
+    camera.params = [3e6, 3e6, *camera.params[2:]]
+    pose = second.cam_from_world()
+    far = pycolmap.Rigid3d(pose.rotation, pose.translation + 1e6)
+    model.frame(second.frame_id).set_cam_from_world(second.camera_id, far)
 
 
 def black_and_white(_, photos: list[Path]) -> None:

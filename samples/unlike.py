@@ -121,8 +121,8 @@ class Compared:
 def compared(trained: TrainedRun, photo: Photo) -> Compared:
     """The looks of a held-out photo beside the photo itself."""
     view = held_out_view(trained, photo)
-    scored = [part for part in (view.valid, view.truth.static) if part is not None]
-    scored = torch.stack(scored).all(dim=0) if scored else None
+    known = [part for part in (view.valid, view.truth.static) if part is not None]
+    scored = torch.stack(known).all(dim=0) if known else None
     picture = view.picture.permute(2, 0, 1)
     embedding = trained.model.embedding_from_outside(picture)
     looks = Colouring(trained.known_range.nearest(embedding)), read_from_outside(trained, picture)

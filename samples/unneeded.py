@@ -30,6 +30,7 @@ from core.config import Settings
 from core.looks.trained import load_run
 from core.run import checkpoint, run_folders
 from samples.measurements import arguments, markdown
+from samples.measurements.seeds import cell
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -71,11 +72,11 @@ class Measured:
     settings: Settings
     seconds: float
     bytes: int
-    psnr: float
+    psnr: float | None
 
     def cells(self) -> list[str]:
         """The figures as cells of the table."""
-        return [f"{self.psnr:.2f}", f"{self.seconds:.1f}", f"{self.bytes / 1e6:.2f}"]
+        return [cell([self.psnr], "{:.2f}"), f"{self.seconds:.1f}", f"{self.bytes / 1e6:.2f}"]
 
 
 def cells_of(scene: Path, base: Settings, repeats: int, output: Path, terminal: Terminal) -> list[str]:
@@ -91,7 +92,7 @@ def cells_of(scene: Path, base: Settings, repeats: int, output: Path, terminal: 
     looks = {"appearance": "off", "transients": "off"} if decided.appearance == "off" else {"appearance": "full"}
     rival_settings = base.changed(**{"transients": decided.transients, "sh_degree": decided.sh_degree} | looks)
     kinds = {"auto": base, RIVALS[decided.appearance]: rival_settings}
-    runs = {kind: [] for kind in kinds}
+    runs: dict[str, list[Measured]] = {kind: [] for kind in kinds}
     for repeat in range(repeats):
         for kind in sorted(kinds, reverse=bool(repeat % 2)):  # each as often first: machines warm up and tire
             runs[kind].append(measure(scene, kinds[kind], output / f"{name}-{kind}", terminal))
@@ -111,7 +112,7 @@ def measure(scene: Path, settings: Settings, folder: Path, terminal: Terminal) -
     pipeline.train(scene, settings, folder, terminal, force=True)
     seconds = time.process_time() - start
     trained = load_run(folder)
-    files = [checkpoint.newest(folder), run_folders.point_cloud_path(folder, trained.step)]
+    files = [*checkpoint.written(folder), run_folders.point_cloud_path(folder, trained.step)]
     scores = pipeline.evaluate(folder, "half", refine=True).means()["photo"]
     psnr = scores.get("refined", scores["zero_shot"])["psnr"]
     return Measured(trained.settings, seconds, sum(file.stat().st_size for file in files), psnr)

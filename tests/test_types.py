@@ -1,4 +1,4 @@
-"""The annotations of the engine and the command line hold, as far as mypy can tell;
+"""The annotations of the engine, the command line and the scripts hold, as far as mypy can tell;
 shapes are checked where code runs (see pyproject.toml)."""
 
 import subprocess

@@ -9,6 +9,7 @@ import torch
 
 from core import export
 from core.appearance.model import AppearanceModel
+from core.appearance.sh_transfer import SHTransfer
 from core.appearance.transfer_mlp import ROWS
 from core.scene.splats import Splats
 from core.system.threads import in_parallel
@@ -25,9 +26,8 @@ def measure_bake(scale: float) -> dict:
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
     model, latents = AppearanceModel(BAKED, ()), torch.randn(count, BAKED.latent_size)
-    hidden, output = (
-        layers(model.mean_embedding) for layers in (model.sh_transfer.hidden_layers, model.sh_transfer.output_layer)
-    )
+    transfer = SHTransfer(BAKED)  # as large as the model's own
+    hidden, output = transfer.hidden_layers(model.mean_embedding), transfer.output_layer(model.mean_embedding)
     weights = [
         hidden.feature_weight,
         hidden.place_weight,

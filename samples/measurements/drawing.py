@@ -1,5 +1,6 @@
 """The rasterizer: alone, beside one in plain torch, and as scenes and pictures grow."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -30,9 +31,11 @@ def usual_camera(scale: float) -> Camera:
     return garden_camera(*(round(side * scale**0.5) for side in GARDEN_SIZE_PX))
 
 
-def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatch: Stopwatch | None = None) -> tuple:
-    """The picture and the gradient of every tensor for a gradient of ones, as training asks for them."""
-    lap = stopwatch.lap if stopwatch else lambda part: None
+def draw(
+    backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, lap: Callable[[str], None] = lambda part: None
+) -> tuple:
+    """The picture and the gradient of every tensor for a gradient of ones, as training asks for them.
+    lap: told each part that is done."""
     visible = backend.visible(scene, camera)
     rows = visible.rows
     leaves = Splats(**{name: copy.requires_grad_() for name, copy in chosen_rows(scene.tensors(), rows).items()})
@@ -49,7 +52,7 @@ def draw(backend: rasterizer.Rasterizer, scene: Splats, camera: Camera, stopwatc
 def measure_rasterizer(scale: float) -> dict:
     """A picture of the garden and its gradients."""
     (scene, camera), backend, stopwatch = garden_of(scale), rasterizer.create("cpu"), Stopwatch()
-    parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), 2, RENDERS)
+    parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch.lap), 2, RENDERS)
     facts = {"gaussians": len(scene), "visible": len(backend.visible(scene, camera).rows), "sh_degree": DEGREE}
     return {"parts": parts, "facts": facts | {"size_px": f"{camera.width} x {camera.height}"}}
 

@@ -62,7 +62,8 @@ class GpuStopwatch:
 
 def in_turns(place: Place, works: dict[str, Callable[[], object]], turns: int) -> dict[str, float]:
     """The median seconds of each of the works, which take turns, so that clocks and heat affect all alike."""
-    stopwatch, spent = GpuStopwatch(place), {name: [] for name in works}
+    stopwatch = GpuStopwatch(place)
+    spent: dict[str, list[float]] = {name: [] for name in works}
     for _ in range(1 + turns):
         for name, work in works.items():
             spent[name].append(stopwatch.repeat(work, 0, 1)["whole"])
@@ -101,13 +102,15 @@ def profiled(work: Callable[[], object], place: Place) -> Seen:
 
 def seen(events: Iterable) -> Seen:
     """events: with key, count, device_time_total (µs) of what ran on the GPU, and is_user_annotation."""
-    counts, kernels = {}, {}
+    counts: dict[str, int] = {}
+    kernels: dict[str, float] = {}
     for found in events:
         counts[found.key] = counts.get(found.key, 0) + found.count
         # The optimizer names its step on the GPU's clock as well, around kernels that are there already.
         if found.device_time_total and not found.cpu_time_total and not found.is_user_annotation:
             kernels[found.key] = found.device_time_total / 1e6
-    return Seen(*(sum(counts.get(name, 0) for name in names) for names in (LAUNCHES, WAITS)), kernels)
+    launches, waits = (sum(counts.get(name, 0) for name in names) for names in (LAUNCHES, WAITS))
+    return Seen(launches, waits, kernels)
 
 
 def occupancy(registers: int, shared: int, warps: int, card) -> float:

@@ -1,7 +1,7 @@
 """What samples/benchmark_cuda.py measures on a GPU; each measurement yields the lines of its table."""
 
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import torch
 from core import export, rasterizer
 from core.appearance import positional_encoding_cuda
 from core.appearance.model import AppearanceModel
-from core.config import LEAST, Settings
+from core.config import Settings
 from core.export.ply import read_ply
 from core.presets import preset
 from core.rasterizer.cuda import bin, blend_backward, blend_forward, project, project_backward
@@ -25,7 +25,7 @@ from samples.measurements import peer
 from samples.measurements.drawing import draw
 from samples.measurements.gpu import GpuStopwatch, Place, compiled, copy_bandwidth, in_turns, profiled
 from samples.measurements.scenes import BAKED, COEFFICIENTS, STEP_GAUSSIANS, garden, garden_camera
-from samples.measurements.steps import trainer_of
+from samples.measurements.steps import EVERYTHING, trainer_of
 from samples.measurements.targets import Line
 
 GAUSSIANS, SIZE_PX = 1_000_000, (1920, 1080)
@@ -63,7 +63,7 @@ def measure_picture(place: Place) -> Iterable[Line]:
         GpuStopwatch(place),
     )
     what = f"forward + backward, {len(scene):,} Gaussians, {camera.width} x {camera.height}"
-    parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch), WARM_UP, TIMES)
+    parts = stopwatch.repeat(lambda: draw(backend, scene, camera, stopwatch.lap), WARM_UP, TIMES)
     yield Line(f"{what}, by parts", "", ", ".join(f"{part} {milliseconds(spent)}" for part, spent in parts.items()))
     other = peer.gsplat()
     if other is None:
@@ -126,7 +126,7 @@ def measure_steps(place: Place) -> Iterable[Line]:
     """Whole steps on few Gaussians and on the usual number;
     on the same ones, gsplat's steps with its appearance MLP."""
     for gaussians in STEP_SIZES:
-        trainer = trainer_at(place, gaussians, Settings(appearance="full", transients="on", sh_degree=1, **LEAST))
+        trainer = trainer_at(place, gaussians, EVERYTHING)
         camera, target = trainer.photos.target(0, 1)
         what = (
             f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, "
@@ -136,8 +136,8 @@ def measure_steps(place: Place) -> Iterable[Line]:
         busy = sum(found.kernels.values())
         spent = f"{found.launches} launches, {found.waits} waits, {milliseconds(busy)} of the GPU"
         yield Line(f"{what}: launches and waits", "at most 1 wait", spent)
-        other, works = peer.gsplat(), {"ours": trainer.step}
-        if other is not None:
+        works: dict[str, Callable[[], object]] = {"ours": trainer.step}
+        if (other := peer.gsplat()) is not None:
             theirs = peer.PeerTrainer(other, trainer.gaussians.splats, len(trainer.photos))
             works["theirs"] = partial(theirs.step, 0, camera, target)
         medians = in_turns(place, works, STEPS)

@@ -1,7 +1,7 @@
 """Plain 3DGS as gsplat trains it: its two kinds of density control,
 with the learning rates and schedule of its simple_trainer."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -118,7 +118,7 @@ def strategy_of(peer: ModuleType, control: Control, steps: int, most: int) -> An
     return strategy
 
 
-def splats_of(parameters: dict[str, Tensor], degree: int) -> Splats:
+def splats_of(parameters: Mapping[str, Tensor], degree: int) -> Splats:
     """The Gaussians, with SH of at most this degree."""
     sh = torch.cat([parameters["sh0"], parameters["shN"][:, : coefficient_count(degree) - 1]], dim=1)
     return Splats(parameters["means"], parameters["quats"], parameters["scales"], parameters["opacities"], sh)

@@ -15,7 +15,8 @@ class Stopwatch:
     """Adds the time since the last lap to the part named at its end. laps: part -> [CPU s, wall s]."""
 
     def start(self) -> None:
-        self.laps, self.last = {}, now()
+        self.laps: dict[str, np.ndarray] = {}
+        self.last = now()
 
     def lap(self, part: str) -> None:
         at = now()
@@ -29,7 +30,7 @@ class Stopwatch:
             self.start()
             work()
             self.lap("everything else")
-            runs.append({"whole": sum(self.laps.values())} | self.laps)
+            runs.append({"whole": sum(self.laps.values(), np.zeros(2))} | self.laps)
         return {part: spread([run[part] for run in runs[warm_up:]]) for part in runs[-1]}
 
 

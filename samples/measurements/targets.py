@@ -53,7 +53,7 @@ def _plain_torch(measured: dict) -> Line:
 def _step(measured: dict) -> Line:
     parts = measured["parts"]
     others = {part: _cpu(measured, part) for part in parts if part not in ("whole", *ENGINE)}
-    largest = max(others, key=others.get)
+    largest = max(others, key=others.__getitem__)
     share = others[largest] / _cpu(measured)
     facts = measured["facts"]
     found = (

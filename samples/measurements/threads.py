@@ -22,13 +22,14 @@ def measure_threads(scale: float) -> dict:
     speed-ups are of wall time."""
     scene, camera = garden_of(scale)
     backend = rasterizer.create("cpu")
-    works = {"rasterizer": lambda: draw(backend, scene, camera)}
+    works: dict[str, Callable[[], object]] = {"rasterizer": lambda: draw(backend, scene, camera)}
     for size_px in (STEP_SIZE_PX, USUAL_SIZE_PX):
         trainer = trainer_of(scale, EVERYTHING, size_px)
         for _ in range(math.ceil(WARM_UP * scale)):
             trainer.step()
         works["step of {} x {}".format(*size_px)] = trainer.step
-    parts, facts = {}, {}
+    parts: dict[str, dict] = {}
+    facts: dict[str, float] = {}
     for name, work in works.items():
         measured = in_turns(work, math.ceil(TURNS * scale))
         parts |= {f"{name}, {way}": figures for way, figures in measured.items()}
@@ -38,7 +39,7 @@ def measure_threads(scale: float) -> dict:
 
 def in_turns(work: Callable[[], object], turns: int) -> dict[str, dict]:
     """The `spread` of the work's seconds for each of WAYS."""
-    runs = {way: [] for way in WAYS}
+    runs: dict[str, list] = {way: [] for way in WAYS}
     before = torch.get_num_threads()
     for _ in range(1 + turns):
         for way, threads in WAYS.items():

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from samples.plaza_maker.masonry import GOLD, VERDIGRIS
 from samples.plaza_maker.rays import Group, group
 from samples.plaza_maker.solids import limb, make
 
 PLATFORM = 0.9  # metres; the top of the steps
 TOWER = (14.6, 5.0)
-GILT, VERDIGRIS = (0.75, 0.52, 0.16), (0.26, 0.47, 0.39)  # colours of metal
 
 
 def _box(low, high, material, **params):
@@ -151,9 +151,9 @@ def cupola() -> list[Group]:
         make("frustum", (x, y, 25.8), (0.85, 0.85, 1.1), "drum", radius=0.85, windows=6, sill=-1.7),
         make("frustum", (x, y, 27.0), (1.35, 1.35, 0.14), "marble"),
         make("frustum", (x, y, 27.9), (1.15, 1.15, 0.8), "metal", colour=VERDIGRIS, taper=0.05),
-        make("sphere", (x, y, 28.9), (0.36, 0.36, 0.36), "metal", colour=GILT),
-        _box((x - 0.07, y - 0.07, 29.1), (x + 0.07, y + 0.07, 30.6), "metal", colour=GILT),
-        _box((x - 0.45, y - 0.07, 29.9), (x + 0.45, y + 0.07, 30.05), "metal", colour=GILT),
+        make("sphere", (x, y, 28.9), (0.36, 0.36, 0.36), "metal", colour=GOLD),
+        _box((x - 0.07, y - 0.07, 29.1), (x + 0.07, y + 0.07, 30.6), "metal", colour=GOLD),
+        _box((x - 0.45, y - 0.07, 29.9), (x + 0.45, y + 0.07, 30.05), "metal", colour=GOLD),
     ]
     for number in range(6):
         angle = number * np.pi / 3 + 0.2
@@ -194,7 +194,7 @@ def tower() -> list[Group]:
         make("sphere", (x, y, 19.6), (0.75, 0.75, 0.85), "metal", colour=(0.3, 0.2, 0.08)),
         _box((x - half - 0.35, y - half - 0.35, 21.6), (x + half + 0.35, y + half + 0.35, 22.1), "marble", dentils=0.4),
         make("frustum", (x, y, 24.4), (2.5, 2.5, 2.3), "tiles", taper=0.04),
-        make("sphere", (x, y, 26.9), (0.28, 0.28, 0.28), "metal", colour=GILT),
+        make("sphere", (x, y, 26.9), (0.28, 0.28, 0.28), "metal", colour=GOLD),
     ]
     faces = (
         ((0, -1), [[1, 0, 0], [0, 0, 1], [0, -1, 0]]),

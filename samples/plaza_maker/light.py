@@ -11,6 +11,7 @@ from samples.plaza_maker.rays import World, cast, way_is_open
 from samples.plaza_maker.sky import ambient, sky
 from samples.plaza_maker.solids import MISS, normals
 from samples.plaza_maker.square import lamps
+from samples.plaza_maker.surface import colour
 
 SKY_RAYS = 6  # a sub-sample's share of the sky: with 2 x 2 of them a pixel sees 24 directions
 
@@ -99,7 +100,7 @@ def _irradiance(world, look, points, normal, turn, turns):
         slant = normal.T @ toward
         rows = np.flatnonzero(slant > 0)
         open_way = way_is_open(world, points[:, rows], toward)
-        total[:, rows] += np.float32(look.sun)[:, None] * (slant[rows] * open_way)
+        total[:, rows] += colour(*look.sun)[:, None] * (slant[rows] * open_way)
     directions = _spread(SKY_RAYS, 1.7 * turn)
     light = ambient(look, directions)
     for number in range(SKY_RAYS):
@@ -107,7 +108,7 @@ def _irradiance(world, look, points, normal, turn, turns):
         rows = np.flatnonzero(slant > 0)
         open_way = way_is_open(world, points[:, rows], directions[:, number], 30.0)
         total[:, rows] += light[:, number, None] * (2 / SKY_RAYS * slant[rows] * (0.15 + 0.85 * open_way))
-    ground = 0.25 * (np.float32(look.sun) * max(toward[2], 0) + light.mean(axis=1))
+    ground = 0.25 * (colour(*look.sun) * max(toward[2], 0) + light.mean(axis=1))
     total += ground[:, None] * (0.5 - 0.5 * normal[2]) * np.float32(0.9)
     if look.lamps > 0:
         for lamp in lamps():
@@ -143,8 +144,7 @@ def render(world: World, look: Look, view: View, grid: int) -> Picture:
     """The picture of a world that a camera takes, with grid x grid samples per pixel."""
     samples = grid * grid
     radiance = np.zeros((view.height * view.width, 3), np.float32)
-    transient = np.zeros(view.height * view.width, np.float32)
-    depth = None
+    transient, depth = (np.zeros(view.height * view.width, np.float32) for _ in range(2))
     for turn in range(samples):
         directions = view.rays((turn % grid + 0.5) / grid, (turn // grid + 0.5) / grid)
         origin = view.centre.astype(np.float32)

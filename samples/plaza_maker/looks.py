@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from samples.plaza_maker.surface import colour
+
 
 @dataclass(frozen=True)
 class Look:
@@ -165,13 +167,13 @@ def develop(look: Look, radiance: np.ndarray) -> np.ndarray:
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     reach = np.hypot(width, height) / 2
     corner = ((x + 0.5 - width / 2) ** 2 + (y + 0.5 - height / 2) ** 2) / reach**2
-    light = radiance * look.exposure * (1 - look.vignette * corner)[..., None] * np.float32(look.balance)
+    light = radiance * look.exposure * (1 - look.vignette * corner)[..., None] * colour(*look.balance)
     # Reinhard's curve, white at about 2.6, its foot made steeper.
     filmed = light * (1 + light / 2.6**2) / (1 + light * 0.55)
     value = np.clip(filmed, 0, 1) ** (1 / (2.2 * look.gamma))
     smooth = value * value * (3 - 2 * value)
     value = value + look.contrast * (smooth - value)
-    grey = value @ np.float32([0.30, 0.59, 0.11])
+    grey = value @ colour(0.30, 0.59, 0.11)
     value = grey[..., None] + look.saturation * (value - grey[..., None])
     return np.clip(look.lift + (1 - look.lift) * value, 0, 1).astype(np.float32)
 

@@ -111,7 +111,7 @@ def _loose_tracks(
     photos: list[Taken], rng: np.random.Generator, count: int, on_passers_by: bool
 ) -> list[tuple[_Track, np.ndarray]]:
     """Short tracks, each with the (wrong) place that it is taken for: on passers-by, or of matches far off in depth."""
-    result = []
+    result: list[tuple[_Track, np.ndarray]] = []
     while len(result) < count:
         number = int(rng.integers(len(photos)))
         taken = photos[number]
@@ -219,7 +219,7 @@ def _reconstruction(
     photos: list[Taken], cameras: list[_Camera], points: list[_Point], rng: np.random.Generator
 ) -> pycolmap.Reconstruction:
     """The model as COLMAP has it. Each photo also has a few features that matched nothing."""
-    features = [[] for _ in photos]
+    features: list[list[np.ndarray]] = [[] for _ in photos]
     tracks = []
     for point in points:
         track = pycolmap.Track()

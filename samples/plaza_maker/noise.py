@@ -5,7 +5,7 @@ import numpy as np
 
 def scatter(*cells: np.ndarray, seed: int = 0) -> np.ndarray:
     """A number in [0, 1) for each cell of an integer lattice, the same wherever and whenever it is asked for."""
-    mixed = np.uint32((seed * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF)
+    mixed = np.array((seed * 0x9E3779B9 + 0x7F4A7C15) & 0xFFFFFFFF, np.uint32)
     for cell, prime in zip(cells, (0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)):
         mixed = (mixed ^ (np.asarray(cell).astype(np.int64) & 0xFFFFFFFF).astype(np.uint32)) * np.uint32(prime)
         mixed = mixed ^ (mixed >> np.uint32(15))

@@ -102,14 +102,23 @@ VARIANTS = {
 
 def variant(shots: list[Shot], name: str) -> list[Shot]:
     """The same views with less in them, so that a part of the method is not needed. name: a key of VARIANTS."""
-    look = draw_look("afternoon", np.random.default_rng(SEED + 2), clouds=0.2)
-    camera = {"gamma": 1.0, "contrast": 0.2, "saturation": 1.0, "lift": 0.0, "vignette": 0.0, "grain": 0.8}
+    same = replace(
+        draw_look("afternoon", np.random.default_rng(SEED + 2), clouds=0.2),
+        exposure=1.0,
+        balance=(1.0, 1.0, 1.0),
+        gamma=1.0,
+        contrast=0.2,
+        saturation=1.0,
+        lift=0.0,
+        vignette=0.0,
+        grain=0.8,
+    )
     made = []
     for shot in shots:
-        same = replace(look, exposure=1.0, balance=(1.0, 1.0, 1.0), **camera)
+        look = same
         if name == "exposure":
-            same = replace(
+            look = replace(
                 same, exposure=shot.look.exposure / WEATHER_EXPOSURE[shot.look.kind], balance=shot.look.balance
             )
-        made.append(replace(shot, look=same, share=shot.share if name == "crowd" else 0.0))
+        made.append(replace(shot, look=look, share=shot.share if name == "crowd" else 0.0))
     return made

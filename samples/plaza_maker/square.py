@@ -5,9 +5,11 @@ from functools import cache
 
 import numpy as np
 
-from samples.plaza_maker.church import GILT, TOWER, church
+from samples.plaza_maker.church import TOWER, church
+from samples.plaza_maker.masonry import GOLD
 from samples.plaza_maker.rays import Group, group
 from samples.plaza_maker.solids import limb, make
+from samples.plaza_maker.surface import colour
 
 FOUNTAIN = (-5.5, -17.0)
 STATUE = (9.5, -14.5)
@@ -75,7 +77,7 @@ def fountain() -> list[Group]:
         basin.append(make("sphere", (x + 1.35 * c, y + 1.35 * s, 1.0), (0.42, 0.42, 0.5), **bronze))
         basin.append(limb((x + 1.6 * c, y + 1.6 * s, 1.35), (x + 1.85 * c, y + 1.85 * s, 0.9), 0.2, 0.1, **bronze))
     signs = ("A Y", "+ o", "V =", "N *", "T #", "o X", "= Z", "W +", "* H", "Y V")
-    carving = {"lines": signs, "shape": (640, 96), "scale": 1.15, "thickness": 3, "ink": np.float32([0.16, 0.09, 0.07])}
+    carving = {"lines": signs, "shape": (640, 96), "scale": 1.15, "thickness": 3, "ink": colour(0.16, 0.09, 0.07)}
     shaft = [
         make(
             "box",
@@ -86,8 +88,8 @@ def fountain() -> list[Group]:
             tone=(1.0, 0.72, 0.62),
             **carving,
         ),
-        make("frustum", (x, y, 10.15), (0.62, 0.62, 0.35), "metal", colour=GILT, taper=0.05),
-        make("sphere", (x, y, 10.75), (0.22, 0.22, 0.22), "metal", colour=GILT),
+        make("frustum", (x, y, 10.15), (0.62, 0.62, 0.35), "metal", colour=GOLD, taper=0.05),
+        make("sphere", (x, y, 10.75), (0.22, 0.22, 0.22), "metal", colour=GOLD),
     ]
     return [group(basin), group(shaft)]
 

@@ -16,6 +16,7 @@ view, with the neutral look and each style's, but no photos, whose licences may 
 """
 
 import sys
+from filecmp import cmp
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -203,10 +204,14 @@ def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None
 
 
 def truths(trained: TrainedRun, style: str) -> dict[str, Path]:
-    """The true pictures of a synthetic scene in the light of a style photo,
-    by the name of the photo whose view they show."""
+    """The true pictures of a synthetic scene in the light of one of its style photos,
+    by the name of the photo whose view they show; none for another photo, whatever it is called."""
+    own, root = Path(style), trained.collection.root
+    of_scene = root / "styles" / own.name
+    if not (own.is_file() and of_scene.is_file() and cmp(own, of_scene, shallow=False)):
+        return {}
     known = {Path(photo.name).stem: photo.name for photo in trained.collection.photos}
-    folder = trained.collection.root / "truth" / "styles" / Path(style).stem
+    folder = root / "truth" / "styles" / own.stem
     return {known[path.stem]: path for path in sorted(folder.glob("*.png")) if path.stem in known}
 
 

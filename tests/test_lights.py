@@ -125,8 +125,14 @@ def test_the_truth_is_found_in_the_scene_even_if_its_points_are_kept_elsewhere(f
     known = live.collection.root / "truth" / "styles" / "dawn" / "photo_2.png"
     known.parent.mkdir(parents=True)
     known.write_bytes((live.collection.root / "photo_2.png").read_bytes())
+    style = tmp_path / "dawn.jpg"
+    for path in (style, live.collection.root / "styles" / style.name):
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"the photo of dawn")
     live = replace(live, collection=replace(live.collection, points_from=tmp_path))
-    assert live.collection.read_from == tmp_path and lights.truths(live, "elsewhere/dawn.jpg") == {"photo_2.png": known}
+    assert live.collection.read_from == tmp_path and lights.truths(live, str(style)) == {"photo_2.png": known}
+    style.write_bytes(b"another dawn, elsewhere")
+    assert lights.truths(live, str(style)) == {}
 
 
 def test_a_look_is_compared_with_its_known_truth(folder):
@@ -135,7 +141,7 @@ def test_a_look_is_compared_with_its_known_truth(folder):
     style = root / "styles" / "own.png"
     known = root / "truth" / "styles" / "own"
     for path in (style.parent, known):
-        path.mkdir(parents=True)
+        path.mkdir(parents=True, exist_ok=True)
     style.write_bytes((root / "photo_2.png").read_bytes())  # a held-out photo, its own truth
     (known / "photo_2.png").write_bytes(style.read_bytes())
     look = find_look(live, str(style))

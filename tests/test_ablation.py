@@ -5,6 +5,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -22,7 +23,7 @@ from samples import ablation, compare
 from samples.measurements import finished
 from samples.measurements.variants import FULL, VARIANTS
 from tests.heard import Heard, StopsAtStep
-from tests.small import small_collection, small_settings
+from tests.small import give_to_pipeline, small_collection, small_settings
 
 PLAZA = Path(ablation.__file__).parent / "plaza"
 # In three steps no mask comes down to hide a Gaussian, and nothing drifts before cameras.
@@ -110,6 +111,29 @@ def test_a_finished_variant_is_not_measured_again_and_a_stopped_one_is_resumed(s
     assert finished.measured(small_scene, settings, folder, ("full",), heard) == both
     other = finished.measured(small_scene, settings.changed(seed=1), folder, ("full",), heard)
     assert other["results"]["full"]["seed"] == 1 and "half" not in other["results"]
+
+
+def test_figures_of_photos_that_changed_since_are_not_passed_on(tmp_path, monkeypatch):
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    give_to_pipeline(small_collection(scene), monkeypatch)
+    settings, folder = small_settings(**TINY), tmp_path / "run"
+    finished.measured(scene, settings, folder, ("full",), Heard())
+    photo = scene / "photo_1.png"
+    photo.write_bytes(photo.read_bytes() + b"retouched")
+    with pytest.raises(BadInput, match="are not those that .* was trained on: photo_1.png"):
+        finished.measured(scene, settings, folder, ("full",), Heard())
+
+
+def test_a_run_is_measured_again_once_lpips_is_there(small_scene, tmp_path, monkeypatch):
+    settings, folder = small_settings(**TINY), tmp_path / "run"
+    measured = [finished.measured(small_scene, settings, folder, ("full",), Heard())]
+    monkeypatch.setattr(pipeline, "train", None)
+    monkeypatch.setattr(lpips, "load", lambda: torch.nn.Identity())
+    monkeypatch.setattr(pipeline, "evaluate", lambda *_: SimpleNamespace(to_json=lambda: {"lpips": lpips.BACKBONE}))
+    measured += [finished.measured(small_scene, settings, folder, ("full",), Heard()) for _ in range(2)]
+    assert measured[0]["results"]["full"]["lpips"].startswith("absent")
+    assert measured[1]["results"]["full"] == {"lpips": lpips.BACKBONE} and measured[2] == measured[1]
 
 
 def test_tables_state_protocol_steps_and_differences_from_the_full_model(runs):

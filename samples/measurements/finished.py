@@ -11,19 +11,23 @@ from core.data import find_kind
 from core.data.split import TEST_LISTS
 from core.data.split_table import find_tables, read_split_table
 from core.errors import BadInput
+from core.evaluation import lpips
 from core.report import Report
 from core.run import run_folders
+from core.run.run_config import changed_files, read_config
 from core.system.atomic import replacing_folder, write_json
 from core.system.outputs import check_folder
+from core.words import list_names
 
 
 def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[str], report: Report) -> dict:
     """The figures of `settings` on `scene`, by protocol as in results.json, under "results";
     the .ply's size under "bytes".
 
-    They are kept beside the run's folder, in FOLDER.json, with the scene and settings, and not measured twice; delete
-    the file to train again. A run with other settings is replaced. Raises BadInput, before that, for what is no scene,
-    where nothing can be written, and where the run is of another scene (folders called `dense` or `images` are many).
+    They are kept beside the run's folder, in FOLDER.json, with the scene and settings, and not measured twice, unless
+    LPIPS was absent and is there by now; delete the file to train again. A run with other settings is replaced. Raises
+    BadInput, before that, for what is no scene, where nothing can be written, and where the run is of another scene
+    (folders called `dense` or `images` are many) or its photos have changed since.
     """
     path = folder.with_name(f"{folder.name}.json")
     key = {"scene": str(scene.resolve()), "settings": settings.to_json()}
@@ -39,7 +43,12 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
             shutil.rmtree(folder)  # of other or unknown settings
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, kept)
-    missing = [protocol for protocol in protocols if protocol not in kept["results"]]
+    elif run_folders.is_run(folder) and (changed := changed_files(read_config(folder)[2])):
+        raise BadInput(
+            f"Photos in {scene}, or their masks, are not those that {folder} was trained on: {list_names(changed)}.",
+            f"Choose another -o, or delete {path} to train again.",
+        )
+    missing = [protocol for protocol in protocols if is_missing(kept["results"].get(protocol))]
     if missing:
         if not run_folders.is_run(folder):
             pipeline.train(scene, settings, folder, report)
@@ -51,6 +60,11 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
         kept["results"][protocol] = pipeline.evaluate(folder, protocol, report).to_json()
         write_json(path, kept)
     return kept
+
+
+def is_missing(result: dict | None) -> bool:
+    """Whether a run has yet to be measured: not at all so far, or without LPIPS, whose weights are there by now."""
+    return result is None or (result["lpips"] != lpips.BACKBONE and lpips.load() is not None)
 
 
 def with_split(scene: Path, table: Path, folder: Path) -> Path:

@@ -37,7 +37,6 @@ from core.looks.trained import Look, TrainedRun, bake, drawn, load_run
 from core.training.trainer import Trainer
 from core.words import counted
 from samples.measurements import arguments
-from samples.measurements.opened import check_looks
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -58,13 +57,12 @@ SMALL_PX = 64  # width of the picture from which a photo's mean colour is taken
 @arguments.preset
 @arguments.steps()
 @arguments.resolution()
-def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: int) -> None:
+def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: int | str) -> None:
     """Train SCENE without the photos of one light and show it these."""
     collection = without(load_collection(scene), by)
     settings = arguments.settings_of(preset_name, steps, resolution=resolution)
     with Terminal() as terminal, tempfile.TemporaryDirectory() as folder:
         trained = train(collection, settings, Path(folder), terminal)
-        check_looks(trained)
         photos = [compared(trained, photo) for photo in collection.split("test")]
     for what, chosen in (
         ("all", photos),
@@ -100,8 +98,13 @@ def without(collection: Collection, by: str) -> Collection:
 
 
 def train(collection: Collection, settings: Settings, folder: Path, terminal: Terminal) -> TrainedRun:
-    """A finished run in `folder`."""
+    """A finished run in `folder`; BadInput, before it is trained, where it would have one look only."""
     trainer = Trainer.of_new_run(collection, settings, folder)
+    if not trainer.settings.has_looks:
+        raise BadInput(
+            "A run would have one look only, and nothing is read from photos.",
+            "Take a scene whose photos differ in their light, and a --preset with looks.",
+        )
     for report in trainer.train():
         terminal.progress("Training", report.step, trainer.settings.steps)
     return load_run(folder)

@@ -36,7 +36,8 @@ def test_a_quarter_of_too_few_photos_is_refused(tmp_path):
         unlike.without(small_collection(tmp_path, photos=3), "dark")
 
 
-def test_a_run_that_reads_nothing_from_photos_is_refused(tmp_path, monkeypatch):
+def test_a_run_that_would_read_nothing_from_photos_is_refused_before_it_is_trained(tmp_path, monkeypatch):
     monkeypatch.setattr(unlike, "load_collection", lambda scene: small_collection(tmp_path, photos=9))
+    monkeypatch.setattr(unlike.Trainer, "train", None)
     result = CliRunner().invoke(unlike.main, [str(tmp_path), "--preset", "vanilla", "--steps", "1"])
-    assert result.exit_code == 1 and "has one look only" in result.output
+    assert result.exit_code == 1 and "have one look only" in result.output

@@ -11,16 +11,11 @@ from core.run import run_folders
 def opened(folder: Path | None) -> tuple[TrainedRun, tuple[Photo, ...]]:
     """The run (default: the newest) and its held-out photos; BadInput where it has no looks or no such photos."""
     trained = load_run(run_folders.find_run(folder))
-    check_looks(trained)
-    if not (held_out := trained.collection.split("test")):
-        raise BadInput(f"{trained.folder} has no held-out photos.", "Take a run without --all-photos.")
-    return trained, held_out
-
-
-def check_looks(trained: TrainedRun) -> None:
-    """Raise BadInput for a run that reads nothing from photos."""
     if not trained.has_looks:
         raise BadInput(
             f"{trained.folder} has one look only: nothing is read from photos.",
             "Take a run with appearance=full or exposure.",
         )
+    if not (held_out := trained.collection.split("test")):
+        raise BadInput(f"{trained.folder} has no held-out photos.", "Take a run without --all-photos.")
+    return trained, held_out

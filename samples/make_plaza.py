@@ -1,9 +1,9 @@
 """Makes samples/plaza: renders the photos and their truth, and writes their COLMAP model.
 Everything follows from fixed seeds.
 
-python samples/make_plaza.py                                    # the collection, into samples/plaza
-python samples/make_plaza.py --variant calm --output /tmp/calm  # the same views in one light, with nobody about
-python samples/make_plaza.py --times 3 --output /tmp/many       # another collection of the same place, of 180 photos
+    python samples/make_plaza.py --force                        # the collection, into samples/plaza
+    python samples/make_plaza.py --variant calm --output calm   # the same views in one light, with nobody about
+    python samples/make_plaza.py --times 3 --output many        # another collection of the same place, of 180 photos
 """
 
 import os
@@ -169,6 +169,7 @@ def main(output: Path, variant: str | None, times: int, grid: int, processes: in
         raise BadSetting("This would replace the committed sample by another.", "Name another folder with --output.")
     if output.is_dir() and files_in(output) and not (output / TABLE).is_file():
         raise BadInput(f"{output} is no collection made here.", "Name another folder with --output.")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, and not by pycolmap, which has set its own
     with filling(output, PARTS, force) as work:
         made = make(work, variant, times, grid, processes)
     click.echo(f"{output}: {made}")

@@ -4,7 +4,8 @@ spoilt copies of samples/plaza, and plaza as it is.
     python samples/stiff.py --seeds 3
 
 Each case is a copy of the scene with a changed model or changed photos, trained like any other scene. Prints the
-zero-shot PSNR (dB) of the held-out photos by protocol `full`: the mean over the seeds and its standard deviation.
+zero-shot PSNR (dB) of the held-out photos by protocol `full`: the mean over the seeds and its standard deviation. What
+is finished in the output folder is neither trained nor measured again; runs there with other settings are replaced.
 """
 
 import shutil
@@ -77,7 +78,7 @@ CASES: dict[str, Change] = {
 @arguments.resolution(4)
 @arguments.seeds(3, "Runs of each case.")
 @arguments.output("runs/stiff")
-def main(steps: int, resolution: int, seeds: int, output: Path) -> None:
+def main(steps: int, resolution: int | str, seeds: int, output: Path) -> None:
     """Train and measure every case; prints a Markdown table."""
     check_folder(output)
     rows = []

@@ -1,6 +1,7 @@
 """The committed sample is complete, fits its truth, and is as hard as it claims to be."""
 
 import csv
+import signal
 from pathlib import Path
 
 import cv2
@@ -129,7 +130,7 @@ def test_a_folder_of_other_files_is_not_replaced(tmp_path):
 def test_a_collection_is_replaced_only_by_a_whole_one(tmp_path, monkeypatch):
     def stopped(output: Path, *_) -> None:
         (output / "dense").mkdir()
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGTERM)
 
     monkeypatch.setattr(make_plaza, "make", stopped)
     old, new = tmp_path / "old", tmp_path / "new"

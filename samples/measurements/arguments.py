@@ -6,10 +6,11 @@ from pathlib import Path
 import click
 
 from core import presets
-from core.config import Settings
+from core.config import FIELDS, Settings
 from core.evaluation import PROTOCOLS
 from core.presets import PRESETS
-from core.setting import UNDECIDED
+from core.setting import AUTO
+from wegs_cli.options import Number
 
 PATH = click.Path(path_type=Path)
 AT_LEAST_ONE = click.IntRange(min=1)
@@ -21,7 +22,14 @@ scenes = click.argument(
     "scenes", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, file_okay=False)
 )
 run = click.argument("run_folder", metavar="[RUN]", type=PATH, required=False)
-preset = click.option("--preset", "preset_name", default="quick", show_default=True, type=click.Choice(sorted(PRESETS)))
+preset = click.option(
+    "--preset",
+    "preset_name",
+    default="quick",
+    show_default=True,
+    type=click.Choice(sorted(PRESETS)),
+    help="As of `wegs train`.",
+)
 
 json_file = click.option("--json", "file", type=PATH, help="Write the figures into this file as well.")
 
@@ -32,8 +40,9 @@ def steps(default: int | None = None) -> Decorator:
     return click.option("--steps", type=AT_LEAST_ONE, help="Training steps of each run.", **known)
 
 
-def resolution(default: int = UNDECIDED) -> Decorator:
-    return click.option("-r", "--resolution", default=default, show_default=True, help="As of `wegs train`.")
+def resolution(default: int | str = AUTO) -> Decorator:
+    kind = Number(FIELDS["resolution"])
+    return click.option("-r", "--resolution", default=default, show_default=True, type=kind, help="As of `wegs train`.")
 
 
 def count(flag: str, default: int, what: str) -> Decorator:

@@ -70,9 +70,8 @@ def _take(shot: Shot, output: Path, photo: str, mask: str | None, grid: int) -> 
     moving = picture.transient > 0
     if mask:
         _write(output / mask, np.where(moving, 0, 255).astype(np.uint8), cv2.IMWRITE_PNG_BILEVEL, 1)
-    return Taken(f"{shot.name}.jpg", shot.view, np.asarray(Image.open(output / photo)), picture.depth, moving), float(
-        moving.mean()
-    )
+    saved = np.asarray(Image.open(output / photo))
+    return Taken(f"{shot.name}.jpg", shot.view, saved, picture.depth, moving), float(moving.mean())
 
 
 def _clean(shot: Shot, look: Look, output: Path, path: str, grid: int) -> None:

@@ -32,7 +32,8 @@ def made_once(
     wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report
 ) -> Path:
     """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds;
-    if none does, the first that does not exist, made by `make`.
+    if none does, the first that does not exist, made by `make`. If another training makes that one meanwhile, it is
+    taken if `is_it` holds, or else what is wanted is made again, under the next name.
 
     mark: the file by which such a folder is recognised; those that were made of something else are named to the user.
     what: words for the content, such as "Points as triangulated", to say that it is used again. Raises what `make`
@@ -55,8 +56,9 @@ def made_once(
             make(folder)
             return folder
         except MadeMeanwhile:
-            if not is_it(folder):  # another training has made it meanwhile, of something else
+            if not (folder / mark).is_file():
                 raise
+            return made_once(wanted, mark, is_it, make, what, report)
     report.say(f"{what} before in {folder}; remove it to have them found again.")
     return folder
 

@@ -4,7 +4,6 @@ import pytest
 
 from core.data.sfm import kept_cameras, originals
 from core.data.sfm.kept_cameras import scene_of_photos
-from core.errors import BadInput
 from core.system.atomic import replacing_folder, write_json
 from tests.heard import Heard
 from tests.small import small_collection
@@ -76,18 +75,24 @@ def test_parts_of_a_model_beside_photos_do_not_stop_them(photos, calls, tmp_path
     assert heard.lines == []
 
 
-def test_of_two_trainings_begun_at_once_the_slower_takes_what_the_faster_found(photos, tmp_path, monkeypatch):
+def test_of_two_trainings_begun_at_once_the_slower_takes_what_the_faster_found_if_it_fits(
+    photos, tmp_path, monkeypatch
+):
+    made_by_the_faster = {}
+
     def reconstruct(folder, output, report):
         with replacing_folder(output) as work:
             (work / "scene").mkdir()
-            write_json(work / "scene" / originals.MADE_OF, others or originals.files_of(folder))
-            output.mkdir()
-            write_json(output / originals.MADE_OF, others or originals.files_of(folder))  # by the other one
+            write_json(work / "scene" / originals.MADE_OF, originals.files_of(folder))
+            if output in made_by_the_faster:
+                output.mkdir()
+                write_json(output / originals.MADE_OF, made_by_the_faster[output])
 
     monkeypatch.setattr(kept_cameras, "reconstruct", reconstruct)
-    others, heard = {}, Heard()
-    assert scene_of_photos(photos, tmp_path / "a", heard) == tmp_path / "a"
+    same, other = tmp_path / "a", tmp_path / "b"
+    made_by_the_faster |= {same: originals.files_of(photos), other: {"/other/1.jpg": [1, 2]}}
+    heard = Heard()
+    assert scene_of_photos(photos, same, heard) == same
     assert heard.lines[-1].startswith("Cameras as found before in ")
-    others = {"/other/1.jpg": [1, 2]}
-    with pytest.raises(BadInput, match="made by another program meanwhile"):
-        scene_of_photos(photos, tmp_path / "b", heard)
+    assert scene_of_photos(photos, other, heard) == tmp_path / "b-2"  # those in b are of other photos
+    assert heard.lines[-1].startswith(f"Made anew in {tmp_path / 'b-2'}. Of other photos, ")

@@ -4,16 +4,13 @@ from core.config import Settings
 from core.data.collection import Collection
 from core.setting import AUTO
 
-# Kinds of collections whose transparent pixels are empty; in all others nobody saw what is there.
-EMPTY_IN = ("blender",)
-
 
 def transparent_may_be_empty(collection: Collection, settings: Settings) -> bool:
     """Whether photos are decoded together with where they are empty;
     not if a dome is asked for, which would fill that."""
     if settings.transparency != AUTO:
         return transparent_is_empty(settings)
-    return collection.kind in EMPTY_IN and settings.sky != "dome"
+    return collection.transparent_is_empty and settings.sky != "dome"
 
 
 def transparent_is_empty(settings: Settings) -> bool:

@@ -12,6 +12,7 @@ import torch
 from core import pipeline
 from core.config import Settings
 from core.data import load_collection
+from core.data.collection import Collection
 from core.data.photos.pixels import OPAQUE
 from core.errors import BadSetting
 from core.evaluation.metrics import psnr, quantised
@@ -62,7 +63,7 @@ def shines_through(trainer: Trainer) -> float:
 def test_the_space_around_the_object_becomes_empty(scene, tmp_path, monkeypatch):
     """0.84 of the light pass at the start, because of points where nothing is."""
     assert shines_through(trained(scene, tmp_path / "empty")) > 0.95  # 0.98
-    monkeypatch.setattr("core.run.transparency.EMPTY_IN", ())
+    monkeypatch.setattr(Collection, "transparent_is_empty", False)
     # 0.77: what is not seen is not tidied.
     assert shines_through(trained(scene, tmp_path / "unseen", sky="none")) < 0.85
 

@@ -3,15 +3,19 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from core.data.collection import CHECK_POSES, Collection
+import pycolmap
+
+from core.data.collection import CHECK_POSES, Collection, Photo
 from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
 from core.data.made import followed, made_once, path_from, read_mark, stamp, way_to
 from core.data.posed import Points
 from core.data.sfm.room import write_model
+from core.data.sfm.silhouettes import points_in_silhouettes
 from core.data.sfm.triangulate import triangulate
 from core.errors import BadInput
 from core.report import Report
+from core.scene.camera import Camera
 from core.system.atomic import replacing_folder, write_json
 from core.words import Note, counted
 
@@ -53,6 +57,8 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
         )
         with replacing_folder(folder) as work:
             model, near = triangulate(training, work, report)
+            if collection.transparent_is_empty:
+                _fill_silhouettes(model, training, report)
             if not model.num_points3D():
                 what = f"No point could be triangulated from the photos and cameras of {collection.root}"
                 raise BadInput(f"{what}.", CHECK_POSES)
@@ -71,6 +77,18 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
             f"expect a poor one. {CHECK_POSES}"
         )
     return points
+
+
+def _fill_silhouettes(model: pycolmap.Reconstruction, posed: list[tuple[Photo, Camera]], report: Report) -> None:
+    """Add points to those triangulated: what is smooth has none, and Gaussians far from all points are removed."""
+    positions, colours = points_in_silhouettes(posed, report)
+    if len(positions):
+        report.say(
+            f"{counted(len(positions), 'point')} at random added to {model.num_points3D():,} triangulated, "
+            "where no photo shows empty space"
+        )
+    for position, colour in zip(positions, colours, strict=True):
+        model.add_point3D(position, pycolmap.Track(), colour)
 
 
 def scene_of(folder: Path) -> tuple[Path, str] | None:

@@ -40,28 +40,25 @@ def titles(protocol: str, step: int, looks: str, masked: bool) -> tuple[str, ...
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB.
-    masked: whether one of them is a mask."""
+    """A row of the sheet, already shrunk so that many fit into memory. tiles: of one size, RGB, one for each title."""
 
     line: str
     look: str | None
     tiles: tuple[UInt8[np.ndarray, "h w 3"], ...]
-    masked: bool
 
 
 def row_of(view: ViewPictures, note: str) -> Row:
     """The row of a view. note: text beside its name, such as its figures."""
     masks = () if view.mask is None else (_mask_picture(view.mask, tile_size(view.photo)),)
     tiles = tile(view.photo), tile(view.render), *masks, tile(error_picture(view.photo, view.render))
-    return Row(f"{view.name}  {note}", view.look, tiles, masked=bool(masks))
+    return Row(f"{view.name}  {note}", view.look, tiles)
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """A line of titles, then all rows, each above its line of text; RGB.
     The rows of one run all have masks, or none has."""
-    columns = titles(
-        protocol, step, " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look)), rows[0].masked
-    )
+    looks = " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look))
+    columns = titles(protocol, step, looks, masked=len(rows[0].tiles) == 4)
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 

@@ -223,7 +223,7 @@ def _plain_photos(root: Path, report: Report) -> list[Finding]:
                 flat.append(f"{path.name}: {photo.pixels.mean():.0f} of 255")
     figure = counted(len(paths), "photo")
     if sizes:
-        least, most = f"{min(sizes):.2g}", f"{max(sizes):.2g}"
+        least, most = (f"{size:.2g}" if size < 10 else f"{size:.0f}" for size in (min(sizes), max(sizes)))
         figure += f" of {least} MP" if least == most else f" of {least} to {most} MP"
     others = [path.name for path in list_unreadable(folder)]
     return [

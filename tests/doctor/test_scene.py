@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -234,10 +235,13 @@ def test_pictures_stored_twice_are_reported_and_matched_once(tmp_path):
     assert "(3 pairs to match" in findings["scene"].meaning
 
 
-def test_the_smallest_and_largest_photo_sizes_are_given(tmp_path):
+def test_the_smallest_and_largest_photo_sizes_are_given(tmp_path, monkeypatch):
     save_photos(tmp_path, 2)
     assert cv2.imwrite(str(tmp_path / "1.png"), cv2.resize(cv2.imread(str(tmp_path / "1.png")), (320, 240)))
     assert examined(tmp_path)[0]["scene"].figure == "2 photos of 0.019 to 0.077 MP"
+    large = SimpleNamespace(header=SimpleNamespace(width=12000, height=9000), pixels=np.zeros((1, 1, 3), np.uint8))
+    monkeypatch.setattr(module, "usable_photos", lambda paths, report: [(path, large) for path in paths])
+    assert examined(tmp_path)[0]["scene"].figure == "2 photos of 108 MP"
 
 
 def test_photos_too_small_to_find_cameras_by_are_reported(tmp_path):

@@ -12,7 +12,9 @@ from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
 
-TRIED = 100_000  # points in the cube that the cameras look at, as 3DGS starts Blender scenes
+# Points in the cube that the cameras look at; 3DGS starts Blender scenes from as many. Beside triangulated points, they
+# gain 1.5 dB where one of four balls has texture (held out, 500 steps), and nothing where all have (1,200 steps).
+TRIED = 100_000
 LONG_SIDE_PX = 400  # of silhouettes
 
 

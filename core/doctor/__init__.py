@@ -48,13 +48,14 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
 
 def _scene(path: Path, report: Report) -> list[Finding]:
     """Findings about a scene or a folder of photos.
-    For anything else, the BadInput says what to do, and names a .ply if the folder holds one."""
+    For anything else, the BadInput says what to do, and names a .ply or a run if the folder holds one."""
     try:
         return examine_scene(path, report)
     except BadInput as problem:
-        if not (found := next((file for file in sorted(path.glob("*")) if file.suffix.lower() == ".ply"), None)):
+        inside = (file for file in sorted(path.glob("*")) if file.suffix.lower() == ".ply" or run_folders.is_run(file))
+        if not (found := next(inside, None)):
             raise
-        raise BadInput(problem.what, f"{problem.fix} For a .ply in it, give its path, such as {found}.") from None
+        raise BadInput(problem.what, f"{problem.fix} For what is in it, give the path, such as {found}.") from None
 
 
 def _step_and_date(cloud: Path) -> tuple[int, int]:

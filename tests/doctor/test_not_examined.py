@@ -33,12 +33,16 @@ def test_gaussians_in_other_formats_are_to_be_converted(tmp_path, name):
         examine(tmp_path / name, Heard())
 
 
-def test_given_a_folder_of_plys_the_doctor_asks_for_one_of_them(tmp_path):
+def test_given_a_folder_of_plys_or_runs_the_doctor_asks_for_one_of_them(tmp_path):
+    asked = "holds no photos and no COLMAP model.* For what is in it, give the path, such as {}.$"
     write(tmp_path / "splat.ply", sound_rows())
-    with pytest.raises(
-        BadInput, match=f"holds no photos and no COLMAP model. .* give its path, such as {tmp_path}/splat.ply.$"
-    ):
+    with pytest.raises(BadInput, match=asked.format(tmp_path / "splat.ply")):
         examine(tmp_path, Heard())
+    run = tmp_path / "runs" / "plaza"
+    run.mkdir(parents=True)
+    (run / "config.json").write_text('{"wegs": "0.1.0"}')
+    with pytest.raises(BadInput, match=asked.format(run)):
+        examine(run.parent, Heard())
 
 
 def test_given_a_photo_the_doctor_asks_for_its_folder(tmp_path):

@@ -7,32 +7,22 @@ import difflib
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+from core.automatic import (
+    AUTO_PIXELS,
+    GAUSSIANS_PER_PHOTO,
+    LEAST,
+    PIXELS_PER_GAUSSIAN,
+    SCALE_RATES,
+    SCALE_TRAVEL,
+    STEPS_FOR_FEW,
+    STEPS_PER_PHOTO,
+    STEPS_PER_PHOTO_OF_MANY,
+    WITH_LOOKS,
+    WITHOUT_LOOKS,
+    scale_rate,
+)
 from core.errors import BadSetting
 from core.setting import AUTO, UNDECIDED, checked, setting
-
-AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels per photo at -r auto: what a step can afford there
-LEAST = {"steps": 3000, "max_gaussians": 40_000}  # however few the photos
-# 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left)
-# and Liberty (65 left), 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only
-# 0.02 / 0.00 LPIPS more and lost 0.2 / 0.8 dB zero-shot: the encoder then knows its photos by heart, as where
-# Sacre-Coeur's 8 are seen 750 times each instead of 375 (- 0.2 / - 0.6 dB).
-STEPS_PER_PHOTO, STEPS_FOR_FEW = 120, 6000
-# 76 steps and 506 Gaussians per photo instead of 38 and 253, with twice the embedding and the transfer's width, gained
-# on held-out ones of 158 photos of plaza 0.2 dB zero-shot, 0.7 refined and 0.04 / 0.06 LPIPS. 592 photos gain 0 / 0.5 /
-# 0.04 over a third of both (README). 2.6 times as many Gaussians per pixel gained nothing on 65 photos of Liberty at
-# full size.
-STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
-# Where there are looks, they are learned first: otherwise dark or bright Gaussians before single cameras explain the
-# light.
-WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
-WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
-
-
-def budget(photos: int, pixels: int) -> dict[str, int]:
-    """What `auto` makes of steps and max_gaussians for so many photos, of so many pixels together."""
-    steps = max(min(STEPS_PER_PHOTO * photos, STEPS_FOR_FEW), STEPS_PER_PHOTO_OF_MANY * photos)
-    wanted = {"steps": steps, "max_gaussians": max(pixels // PIXELS_PER_GAUSSIAN, GAUSSIANS_PER_PHOTO * photos)}
-    return {name: max(least, wanted[name]) for name, least in LEAST.items()}
 
 
 @dataclass(frozen=True)
@@ -191,7 +181,13 @@ class Settings:
         section="Learning rates (Adam)",
     )
     quaternion_rate: float = setting(2e-3, "Learning rate of quaternions.", low=0, high=1)
-    scale_rate: float = setting(8e-3, "Learning rate of log scales.", low=0, high=1)
+    scale_rate: float = setting(
+        UNDECIDED,
+        f"Learning rate of log scales. auto: {SCALE_TRAVEL:g} / steps, between {SCALE_RATES[0]} and {SCALE_RATES[1]}.",
+        low=0,
+        high=1,
+        auto=True,
+    )
     opacity_rate: float = setting(4e-2, "Learning rate of logit opacities.", low=0, high=1)
     sh_rate: float = setting(5e-3, "Learning rate of DC coefficients; the other bands get a twentieth.", low=0, high=1)
     network_rate: float = setting(
@@ -294,13 +290,15 @@ class Settings:
     def decided(self, **answers: Any) -> "Settings":
         """A copy in which what was left to be decided has these values.
 
-        Once the appearance is known, so are the schedules that follow from it.
+        Once the appearance is known, so is what follows from it and from the number of steps.
         """
         settings = self.changed(**{name: answers[name] for name in self.undecided if name in answers})
         if settings.appearance == AUTO:
             return settings
         follows = dict(WITH_LOOKS if settings.has_looks else WITHOUT_LOOKS)
         follows["densify_from"] = min(follows["densify_from"], settings.densify_until)
+        if settings.steps != UNDECIDED:
+            follows["scale_rate"] = scale_rate(settings.steps)
         return settings.changed(**{name: follows[name] for name in settings.undecided if name in follows})
 
     @property
@@ -343,5 +341,5 @@ def no_setting(name: str) -> BadSetting:
 
 DECIDABLE = (  # what may be left to the data
     *("appearance", "transients", "sh_degree", "sky", "transparency"),
-    *("steps", "max_gaussians", "geometry_from", "densify_from", "prune_contribution"),
+    *("steps", "max_gaussians", "scale_rate", "geometry_from", "densify_from", "prune_contribution"),
 )

@@ -5,12 +5,13 @@ Imports no torch, like core.config.
 
 from typing import Any
 
-from core.config import WITHOUT_LOOKS, Settings
+from core.automatic import WITHOUT_LOOKS
+from core.config import Settings
 from core.errors import BadSetting
 
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {},
-    "quick": {"steps": 1200, "max_gaussians": 20_000, "scale_rate": 2.4e-2},  # core/TRIED.md, "Learning rates"
+    "quick": {"steps": 1200, "max_gaussians": 20_000},
     "paper": {
         "steps": 150_000,
         "max_gaussians": 3_000_000,

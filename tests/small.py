@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from pytest import MonkeyPatch
 
-from core.config import LEAST, Settings
+from core.automatic import LEAST
+from core.config import Settings
 from core.data.collection import Collection, Photo
 from core.looks.trained import TrainedRun, load_run
 from core.scene.camera import Camera

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from core.config import LEAST, Settings
+from core.automatic import LEAST
+from core.config import Settings
 from samples import unneeded
 
 

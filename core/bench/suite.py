@@ -5,13 +5,14 @@ from pathlib import Path
 
 from torch import Tensor
 
+from core.automatic import LEAST
 from core.bench import FIGURES, files, small_scene
 from core.bench.baking import baking_figure
 from core.bench.figure import Figure
 from core.bench.refinement import refinement_figure
 from core.bench.rendering import rendering_figure
 from core.bench.training import Course, checks, training_figure
-from core.config import LEAST, Settings
+from core.config import Settings
 from core.data.collection import Collection, spread_over
 from core.data.made import CURVES, scene_beside
 from core.data.prepare import prepared

@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.appearance.encoder import shrink
-from core.config import AUTO_PIXELS, Settings
+from core.automatic import AUTO_PIXELS
+from core.config import Settings
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
 from core.errors import BadSetting

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from core.config import Settings, budget
+from core.automatic import budget
+from core.config import Settings
 from core.run.decision import Decision
 from core.run.sized_photo import SizedPhoto
 from core.run.transparency import transparent_is_empty

@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from core.config import LEAST, Settings
+from core.automatic import LEAST
+from core.config import Settings
 from core.data import load_collection
 from core.data.collection import Collection
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
 STEP_GAUSSIANS, STEP_SIZE_PX, STEP_PHOTOS = 30_000, (324, 210), 10
-USUAL_SIZE_PX = (555, 360)  # as large as real photos are trained on a CPU, core.config.AUTO_PIXELS
+USUAL_SIZE_PX = (555, 360)  # as large as real photos are trained on a CPU, core.automatic.AUTO_PIXELS
 GARDEN_GAUSSIANS, GARDEN_SIZE_PX = 140_000, (648, 420)
 DEGREE, COEFFICIENTS = 3, 16  # of the garden and of what is baked; steps have the default degree
 # The default settings for a scene that needs every part.

@@ -172,14 +172,14 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
 def test_auto_in_a_file_leaves_it_to_the_photos(tmp_path):
     path = write_toml(tmp_path, "sh_degree = 'auto'\ngeometry_from = 'auto'\nappearance = 'auto'\n")
     settings = settings_from("paper", path, (), {})
-    assert set(settings.undecided) == {"sh_degree", "geometry_from", "appearance", "transparency"}
+    assert set(settings.undecided) == {"sh_degree", "geometry_from", "appearance", "transparency", "scale_rate"}
     assert settings.decided(appearance="off", transients="on", sh_degree=2).sh_degree == 2
 
 
 def test_presets_leave_to_the_photos_what_they_do_not_say():
     assert settings_from(None, None, (), {}).undecided[:3] == ("appearance", "transients", "sh_degree")
     assert set(settings_from("vanilla", None, (), {}).undecided) & {"appearance", "transients"} == set()
-    assert settings_from("paper", None, (), {}).undecided == ("transparency",)
+    assert settings_from("paper", None, (), {}).undecided == ("transparency", "scale_rate")
 
 
 def test_a_missing_file_is_named(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import core.rasterizer
-from core.config import AUTO_PIXELS
+from core.automatic import AUTO_PIXELS
 from core.run import checkpoint
 from core.system import device
 from core.system.threads import beside

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from core import config, pipeline
+from core import automatic, config, pipeline
 from core.config import Settings
 from core.data import load_collection
 from core.pipeline import training
@@ -161,7 +161,9 @@ def test_figures_on_either_side_of_a_bound_decide():
 
 
 def test_what_has_a_default_that_depends_on_the_photos_may_be_left_to_them():
-    assert {*config.LEAST, *config.WITHOUT_LOOKS, *config.WITH_LOOKS, *decisions.JUDGES} <= set(config.DECIDABLE)
+    assert {*automatic.LEAST, *automatic.WITHOUT_LOOKS, *automatic.WITH_LOOKS, *decisions.JUDGES} <= set(
+        config.DECIDABLE
+    )
 
 
 def test_what_is_given_is_not_decided(tmp_path, monkeypatch):
@@ -181,10 +183,10 @@ def test_steps_and_gaussians_follow_photos_and_pixels_unless_given():
         return decided.steps, decided.max_gaussians
 
     assert sizes(1, 100) == sizes(20, 768) == (3000, 40_000)
-    assert sizes(40, 100) == (40 * config.STEPS_PER_PHOTO, 40_000)
+    assert sizes(40, 100) == (40 * automatic.STEPS_PER_PHOTO, 40_000)
     assert sizes(52, 768) == sizes(85, 100) == (6000, 40_000)
-    assert sizes(200, 100) == (200 * config.STEPS_PER_PHOTO_OF_MANY, 200 * config.GAUSSIANS_PER_PHOTO)
-    assert sizes(50, 8000) == (6000, 50 * 8000 * 100 // config.PIXELS_PER_GAUSSIAN)
+    assert sizes(200, 100) == (200 * automatic.STEPS_PER_PHOTO_OF_MANY, 200 * automatic.GAUSSIANS_PER_PHOTO)
+    assert sizes(50, 8000) == (6000, 50 * 8000 * 100 // automatic.PIXELS_PER_GAUSSIAN)
     assert sizes(200, 8000, steps=5, max_gaussians=7) == (5, 7)
 
 
@@ -195,6 +197,12 @@ def test_schedules_follow_the_looks_unless_given():
     assert Settings(geometry_from=0.3).decided(appearance="off").geometry_from == 0.3
     assert Settings(appearance="off").decided(appearance="full").geometry_from == 0.0
     assert Settings(densify_until=0.1).decided(appearance="full").densify_from == 0.1
+
+
+def test_the_fewer_steps_the_faster_scales_learn_unless_given():
+    for steps, rate in ((600, 0.024), (1200, 0.024), (3000, 0.016), (6000, 0.008), (40_000, 0.008)):
+        assert Settings(steps=steps).decided(appearance="full").scale_rate == rate
+    assert Settings(steps=600, scale_rate=0.1).decided(appearance="full").scale_rate == 0.1
 
 
 # --- nothing is left of what is off

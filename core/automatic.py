@@ -4,8 +4,8 @@ Imports no torch, like core.config, whose settings these are.
 """
 
 AUTO_PIXELS = {"cpu": 200_000, "cuda": 1_920_000}  # mean pixels per photo at -r auto: what a step can afford there
-# However few the photos. Of 6 to 16 of them, 1,200 steps and 20,000 Gaussians (`quick`) see as much zero-shot, but less
-# sharply (core/TRIED.md, "Few photos").
+# However few the photos. For 6 to 16 of them, 1,200 steps and 20,000 Gaussians (`quick`) score as much zero-shot, but
+# are less sharp (core/TRIED.md, "Few photos").
 LEAST = {"steps": 3000, "max_gaussians": 40_000}
 # 6,000 steps and 40,000 Gaussians instead of 3,000 and 30,000 gained, on held-out training photos of plaza (43 left)
 # and Liberty (65 left), 0.0 / 0.3 dB zero-shot, 0.2 / 0.5 refined and 0.03 / 0.02 LPIPS. 9,000 and 60,000 gained only
@@ -21,8 +21,8 @@ STEPS_PER_PHOTO_OF_MANY, GAUSSIANS_PER_PHOTO, PIXELS_PER_GAUSSIAN = 70, 465, 500
 # light.
 WITH_LOOKS = {"geometry_from": 0.1, "densify_from": 0.12, "prune_contribution": 0.2}
 WITHOUT_LOOKS = {"geometry_from": 0.0, "densify_from": 0.02, "prune_contribution": 0.0}
-# Gaussians begin as large as SfM points are apart; in fewer steps, they have to learn faster to become as small as they
-# should be (core/TRIED.md, "Learning rates").
+# Gaussians begin as large as SfM points are apart; to become as small as they should be in fewer steps, they have to
+# shrink faster (core/TRIED.md, "Learning rates").
 SCALE_TRAVEL, SCALE_RATES = 48.0, (8e-3, 2.4e-2)
 
 

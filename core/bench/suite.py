@@ -266,12 +266,11 @@ def _train_presets(
 
 def _sized(name: str, size: Size, seed: int, is_built_in: bool) -> Settings:
     """The preset with fewer steps and Gaussians, as `size` says, and with more checks of its held-out quality."""
-    settings = preset(name).decided(**LEAST)
-    steps = max(1, round(min(settings.steps, LEAST["steps"]) * size.share))
-    gaussians = min(settings.max_gaussians, size.gaussians)
+    settings = preset(name)
+    whole = settings.decided(**LEAST)  # for these numbers alone: what follows from the steps is decided of fewer
     return settings.changed(
-        steps=steps,
-        max_gaussians=gaussians,
+        steps=max(1, round(min(whole.steps, LEAST["steps"]) * size.share)),
+        max_gaussians=min(whole.max_gaussians, size.gaussians),
         seed=seed,
         resolution=1 if is_built_in else size.resolution,
         held_out_checks=CHECKS,

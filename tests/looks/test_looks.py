@@ -44,7 +44,8 @@ def train(folder, **changes) -> TrainedRun:
     (folder / "photos").mkdir()
     collection = known_collection(folder / "photos", coloured)
     small = {"steps": 150, "max_gaussians": 1500, "sky_gaussians": 200, "encoder_side_px": 64, "checkpoints": 1}
-    return finished(collection, whole_settings(**small, held_out_checks=0, **changes), folder / "run")
+    still = {"scale_rate": 8e-3, "held_out_checks": 0}  # bounds here are those of Gaussians that hardly shrink
+    return finished(collection, whole_settings(**small, **still, **changes), folder / "run")
 
 
 @pytest.fixture(scope="module")
@@ -223,7 +224,7 @@ def test_sky_and_place_have_gains_of_their_own(trained, tmp_path):
     path = tmp_path / "lit.png"
     write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo))))
     place, sky = find_look(trained, str(path)).colouring.tone.mean(dim=1)
-    assert place > 0.7 and sky < 0.6 * place  # 0.97 and 0.53; one gain for both would lie in between
+    assert place > 0.7 and sky < 0.5
 
 
 @pytest.mark.parametrize("enters", ["output", "input"])

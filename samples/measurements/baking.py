@@ -26,7 +26,8 @@ def measure_bake(scale: float) -> dict:
     count, stopwatch = round(BAKED_GAUSSIANS * scale), Stopwatch()
     splats = Splats(*map(torch.randn, [(count, 3), (count, 4), (count, 3), (count,), (count, COEFFICIENTS, 3)]))
     model, latents = AppearanceModel(BAKED, ()), torch.randn(count, BAKED.latent_size)
-    transfer = SHTransfer(BAKED)  # as large as the model's own
+    transfer = model.sh_transfer
+    assert isinstance(transfer, SHTransfer)  # the full appearance of BAKED has it
     hidden, output = transfer.hidden_layers(model.mean_embedding), transfer.output_layer(model.mean_embedding)
     weights = [
         hidden.feature_weight,

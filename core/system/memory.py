@@ -63,7 +63,7 @@ def _of_groups() -> Iterator[int]:
         for line in OF_PROCESS.read_text().splitlines():
             _, kind, group = line.split(":", 2)
             if kind in ("", "memory"):  # of version 2, of version 1
-                root, name = (GROUPS / kind, "memory.limit_in_bytes" if kind else "memory.max")
-                for folder in (root / group[1:], *(root / group[1:]).parents):
+                own, name = GROUPS / kind / group[1:], "memory.limit_in_bytes" if kind else "memory.max"
+                for folder in (own, *own.parents):
                     with suppress(OSError, ValueError):  # none here; "max"
                         yield int((folder / name).read_text())

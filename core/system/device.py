@@ -72,11 +72,24 @@ def _fault_of_first_use() -> str | None:
 
         _ = driver.active.utils  # compiled in C, for this Python
     except (RuntimeError, AssertionError, ImportError, OSError, SubprocessError) as problem:
+        return _fault_without_compiler(_first_line(problem))
+    return None
+
+
+def _fault_without_compiler(reason: str) -> str | None:
+    """What goes wrong when Triton's kernels are launched without what it could not compile, for this reason."""
+    try:
+        from core.system import triton_driver
+
+        triton_driver.install()
+    except torch.OutOfMemoryError:
+        raise
+    except Exception as problem:  # noqa: BLE001 - whatever a Triton does that we do not know
         needed = (
-            "a C compiler, Python's headers (on Debian: "
-            "apt install gcc python3-dev) and a cache that may be written (TRITON_CACHE_DIR)"
+            "a cache that may be written (TRITON_CACHE_DIR) and, it seems, a C compiler and Python's headers "
+            "(on Debian: apt install gcc python3-dev)"
         )
-        return f"Triton cannot be used here ({_first_line(problem)}); it needs {needed}"
+        return f"Triton cannot be used here ({reason}; without that: {_first_line(problem)}); it needs {needed}"
     return None
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+import core.system
 from core.errors import BadInput, BadSetting
 from core.looks.trained import load_run
 from core.pipeline import resume
@@ -52,13 +53,13 @@ def test_a_gpu_that_fails_when_first_used_is_none(machine):
 
 @pytest.fixture
 def first_use(monkeypatch):
-    """The fault of the first use of a GPU, tried anew: of torch and of Triton's driver, if any.
+    """The fault of the first use of a GPU, tried anew: of torch, of Triton's driver and of ours, if any.
     Without a fault, nothing is found."""
 
     class Driver:
         active = property(lambda self: self.fails())
 
-    def tried(torch_fails=None, triton_fails=None) -> str | None:
+    def tried(torch_fails=None, triton_fails=None, ours_fails=None) -> str | None:
         def raised(problem, otherwise):
             if problem is not None:
                 raise problem
@@ -67,6 +68,8 @@ def first_use(monkeypatch):
         monkeypatch.setattr(torch, "ones", lambda *_, **__: raised(torch_fails, torch.zeros(2)))
         Driver.fails = lambda self: raised(triton_fails, SimpleNamespace(utils=None))
         monkeypatch.setitem(sys.modules, "triton.runtime", SimpleNamespace(driver=Driver()))
+        ours = SimpleNamespace(install=lambda: raised(ours_fails, None))
+        monkeypatch.setattr(core.system, "triton_driver", ours, raising=False)
         return device._fault_of_first_use.__wrapped__()
 
     return tried
@@ -78,14 +81,22 @@ def first_use(monkeypatch):
         (RuntimeError("Failed to find C compiler. Please specify via CC."), "Failed to find C compiler"),
         (CalledProcessError(1, ["gcc", "cuda_utils.c"]), "returned non-zero exit status 1"),
         (PermissionError(13, "Permission denied", "/.triton"), "/.triton"),
-        (AssertionError("libcuda.so cannot found!\nPlease make sure"), "libcuda.so cannot found!)"),
+        (AssertionError("libcuda.so cannot found!\nPlease make sure"), "(libcuda.so cannot found!; "),
     ],
     ids=lambda part: type(part).__name__,
 )
-def test_the_reason_why_triton_cannot_be_used_is_given_with_what_it_needs(first_use, problem, told):
+def test_the_reasons_why_triton_cannot_be_used_are_given_with_what_it_needs(first_use, problem, told):
     assert first_use() is None
-    fault = first_use(triton_fails=problem)
-    assert told in fault and "gcc python3-dev" in fault and "\n" not in fault
+    fault = first_use(triton_fails=problem, ours_fails=OSError("libcuda.so.1: cannot open\nIt is not there"))
+    assert told in fault and "libcuda.so.1: cannot open)" in fault and "gcc python3-dev" in fault and "\n" not in fault
+
+
+def test_what_triton_cannot_compile_is_done_without(first_use):
+    assert first_use(triton_fails=RuntimeError("Failed to find C compiler.")) is None
+    fault = first_use(triton_fails=RuntimeError("Failed to find C compiler."), ours_fails=AttributeError("utils"))
+    assert "(Failed to find C compiler; without that: utils)" in fault  # of a Triton that we do not know
+    with pytest.raises(torch.OutOfMemoryError):
+        first_use(triton_fails=RuntimeError("no"), ours_fails=torch.OutOfMemoryError("CUDA out of memory."))
 
 
 def test_a_gpu_too_old_for_torch_is_reported_and_a_full_one_is_not_called_so(first_use):

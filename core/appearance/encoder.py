@@ -35,7 +35,7 @@ def shrink(photo: Float[Tensor, "3 h w"], side_px: int) -> Float[Tensor, "3 s s"
     return F.interpolate(photo[None], size=(side, side), mode="area")[0]
 
 
-def mask_size(photo: Float[Tensor, "3 h w"]) -> tuple[int, int]:
+def mask_shape(photo: Float[Tensor, "3 h w"]) -> tuple[int, int]:
     """Height and width of the mask of a shrunk photo: a quarter of its own, rounded up."""
     height, width = photo.shape[1:]
     return -(-height // 4), -(-width // 4)

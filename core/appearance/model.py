@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.appearance.colouring import UNCHANGED, Weights
-from core.appearance.encoder import PhotoEncoder, PlainMask, mask_size, shrink
+from core.appearance.encoder import PhotoEncoder, PlainMask, mask_shape, shrink
 from core.appearance.exposure import ExposureTransfer
 from core.appearance.known_range import KnownRange
 from core.appearance.mask_table import MaskTable
@@ -109,7 +109,7 @@ class AppearanceModel(nn.Module):
             if isinstance(self.mask_network, PlainMask):
                 mask = self.mask_network(picture)
             elif self.mask_network is not None and row is not None:
-                mask = self.mask_network(row, *mask_size(picture))
+                mask = self.mask_network(row, *mask_shape(picture))
         return Reading(self.mean_embedding if embedding is None else embedding, mask)
 
     @torch.no_grad()

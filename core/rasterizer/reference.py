@@ -99,8 +99,8 @@ class ReferenceRasterizer(Rasterizer):
     @torch.no_grad()
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         rows, projection = projected(splats, camera)
-        size = math.prod(grid(camera.height, camera.width)), len(splats)
-        shares = projection.opacities.new_zeros(size)
+        shape = math.prod(grid(camera.height, camera.width)), len(splats)
+        shares = projection.opacities.new_zeros(shape)
         chunks = pixel_chunks(camera, len(rows), projection.centres)
         pixel_weights, pixel_cells = (
             each.flatten().split(len(chunks[0])) for each in (weight, cell_of_pixels(camera, weight.device))
@@ -109,7 +109,7 @@ class ReferenceRasterizer(Rasterizer):
             weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
             shares.index_put_((cells[:, None], rows), of_pixels[:, None] * weights, accumulate=True)
         cells, gaussians = shares.nonzero(as_tuple=True)
-        return Shares(cells, gaussians, shares[cells, gaussians], size)
+        return Shares(cells, gaussians, shares[cells, gaussians], shape)
 
 
 # ---------------------------------------------------------------------------------------------------------------- cull

@@ -23,34 +23,34 @@ TILE_CELLS = TILE // CELL_PX  # per side
 
 @dataclass(frozen=True)
 class Shares:
-    """A sparse matrix of `size` (cells, n), by its entries:
+    """A sparse matrix of `shape` (cells, n), by its entries:
     the cell, the Gaussian, and how much of the cell the Gaussian makes up."""
 
     cells: Int[Tensor, " k"]
     gaussians: Int[Tensor, " k"]
     values: Float[Tensor, " k"]
-    size: tuple[int, int]
+    shape: tuple[int, int]
 
     def mixed(self, colours: Float[Tensor, "n c"]) -> Float[Tensor, "cells c"]:
         """The matrix times colours: what the cells show, summed over their pixels. Differentiable in the colours."""
         if colours.device.type == "cpu":  # torch's own takes five times as long there
             return _Product.apply(self._matrices, colours)
         parts = self.values[:, None] * colours.index_select(0, self.gaussians)
-        return colours.new_zeros(self.size[0], colours.shape[1]).index_add(0, self.cells, parts)
+        return colours.new_zeros(self.shape[0], colours.shape[1]).index_add(0, self.cells, parts)
 
     def of_cells(self) -> Float[Tensor, " cells"]:
         """How much of each cell all Gaussians make up."""
-        return self.values.new_zeros(self.size[0]).index_add_(0, self.cells, self.values)
+        return self.values.new_zeros(self.shape[0]).index_add_(0, self.cells, self.values)
 
     def of_gaussians(self) -> Float[Tensor, " n"]:
         """How much each Gaussian makes up of all cells."""
-        return self.values.new_zeros(self.size[1]).index_add_(0, self.gaussians, self.values)
+        return self.values.new_zeros(self.shape[1]).index_add_(0, self.gaussians, self.values)
 
     @cached_property
     def _matrices(self) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
         """The matrix and its transpose."""
         entries = self.values.numpy(), (self.cells.numpy(), self.gaussians.numpy())
-        matrix = scipy.sparse.coo_array(entries, shape=self.size)
+        matrix = scipy.sparse.coo_array(entries, shape=self.shape)
         return matrix.tocsr(), matrix.T.tocsr()
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import torch
 
-from core.appearance.encoder import mask_size
+from core.appearance.encoder import mask_shape
 from core.data.collection import Photo
 from core.data.photos.file import fault_of
 from core.errors import BadInput
@@ -107,7 +107,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
                 empty = cv2.resize(empty, size, interpolation=cv2.INTER_AREA)
         shown = as_tensors(pixels, valid, self.device)
         if canvas := self.canvas(factor):
-            return TargetOnCanvas(*shown, canvas, mask_size(sized.encoder_input))
+            return TargetOnCanvas(*shown, canvas, mask_shape(sized.encoder_input))
         return Target(*shown, None if empty is None else torch.from_numpy(empty).to(self.device).float() / 255)
 
 

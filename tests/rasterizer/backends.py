@@ -41,7 +41,7 @@ class Moving:
 
     def shares(self, splats: Splats, camera: Camera, weight: Tensor) -> Shares:
         shares = self.rasterizer.shares(splats.map(self.there), camera, self.there(weight))
-        return Shares(self.back(shares.cells), self.back(shares.gaussians), self.back(shares.values), shares.size)
+        return Shares(self.back(shares.cells), self.back(shares.gaussians), self.back(shares.values), shares.shape)
 
 
 def is_interpreted(name: str) -> bool:

@@ -33,7 +33,7 @@ def weight_of(judge) -> torch.Tensor:
 
 
 def dense(shares: Shares) -> torch.Tensor:
-    return torch.zeros(shares.size, dtype=shares.values.dtype).index_put(
+    return torch.zeros(shares.shape, dtype=shares.values.dtype).index_put(
         (shares.cells, shares.gaussians), shares.values
     )
 
@@ -60,7 +60,7 @@ def test_every_backend_finds_the_shares_of_the_reference(backend, name):
     )
     shares = backend_or_skip(backend, name).shares(judge.scene.splats, judge.scene.camera, weight)
     error = (dense(shares).double() - dense(expected)).abs()
-    assert shares.size == expected.size and (error <= PICTURE * cell_sums(weight[..., None])).all()
+    assert shares.shape == expected.shape and (error <= PICTURE * cell_sums(weight[..., None])).all()
 
 
 def test_cells_are_numbered_row_by_row_and_cut_off_at_the_edge():

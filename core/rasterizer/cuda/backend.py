@@ -77,18 +77,18 @@ class CudaRasterizer(Rasterizer):
         )
 
     def visible_within(
-        self, splats: Splats, view: Tensor, size: tuple[int, int], room: Room
+        self, splats: Splats, view: Tensor, shape: tuple[int, int], room: Room
     ) -> tuple[Visible, Int[Tensor, "2"]]:
         """What a view shows, as `visible`, without waiting for the device: as much of it as there is room for.
 
-        view: see `view_of`, on the device. size: height and width of the picture (px), as large as the view's or
+        view: see `view_of`, on the device. shape: height and width of the picture (px), as large as the view's or
         larger. Of the rows, those that are not needed are -1. Returns also for how many Gaussians and pairs there
         should be room; where there is not, what is drawn is incomplete.
         """
         view = view.float()
         shown, counts = self._find_visible(splats, view)
         rows = torch.nonzero_static(shown, size=room.gaussians, fill_value=-1).squeeze(1)
-        height, width = size
+        height, width = shape
         return Visible(rows, Known(view, room.pairs, width, height)), counts
 
     def _find_visible(self, splats: Splats, view: Tensor) -> tuple[Int[Tensor, " n"], Int[Tensor, "2"]]:

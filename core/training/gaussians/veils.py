@@ -29,42 +29,42 @@ SHRUNK = 1 / 4  # views are rendered at this share of their size
 
 def veils(
     splats: Splats,
-    photos: Sequence[Camera],
+    cameras: Sequence[Camera],
     points: Float[np.ndarray, "p 3"],
     rasterizer: Rasterizer,
     told: Told = unheard,
 ) -> Bool[Tensor, " n"]:
-    """Which Gaussians are veils. photos: their cameras; points: from SfM; all in the scene frame.
+    """Which Gaussians are veils. cameras: of the photos; points: from SfM; all in the scene frame.
     told: of the views drawn."""
-    photos = [camera.shrunk(SHRUNK) for camera in photos]
-    new = cameras_beside(photos, points)
-    views = len(photos) + len(new)
-    in_photos = largest_shares(splats, photos, rasterizer, lambda done, _: told(done, views))
-    in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: told(len(photos) + done, views))
+    cameras = [camera.shrunk(SHRUNK) for camera in cameras]
+    new = cameras_beside(cameras, points)
+    views = len(cameras) + len(new)
+    in_photos = largest_shares(splats, cameras, rasterizer, lambda done, _: told(done, views))
+    in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: told(len(cameras) + done, views))
     return (in_new_views > LEAST_SHARE) & (in_new_views > MOST_BY_STEPPING * in_photos)
 
 
-def cameras_beside(photos: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -> list[Camera]:
+def cameras_beside(cameras: Sequence[Camera], points: Float[np.ndarray, "p 3"]) -> list[Camera]:
     """New cameras, each up to a step away from one that took a photo and turned as it is;
     the same ones at each call."""
     generator = np.random.default_rng(0)
-    rounds = [generator.permutation(len(photos)) for _ in range(VIEWS_PER_PHOTO)]
+    rounds = [generator.permutation(len(cameras)) for _ in range(VIEWS_PER_PHOTO)]
     chosen = np.concatenate(rounds)[:MOST_VIEWS].tolist()
-    steps = {number: _largest_step(photos, number, points) for number in set(chosen)}
+    steps = {number: _largest_step(cameras, number, points) for number in set(chosen)}
     beside = []
     for number in chosen:
         direction = generator.normal(size=3)
         # Evenly in a ball.
         aside = steps[number] * generator.random() ** (1 / 3) * direction / np.linalg.norm(direction)
         if steps[number]:
-            beside.append(replace(photos[number], centre=photos[number].centre + aside))
+            beside.append(replace(cameras[number], centre=cameras[number].centre + aside))
     return beside
 
 
-def _largest_step(photos: Sequence[Camera], number: int, points: Float[np.ndarray, "p 3"]) -> float:
+def _largest_step(cameras: Sequence[Camera], number: int, points: Float[np.ndarray, "p 3"]) -> float:
     """How far a new camera may be from this one: as far as others that look the same way;
     0 if none does, or it shows no points."""
-    here, others = photos[number], [*photos[:number], *photos[number + 1 :]]
+    here, others = cameras[number], [*cameras[:number], *cameras[number + 1 :]]
     alike = [camera.centre for camera in others if camera.world_to_camera[2] @ here.world_to_camera[2] > SAME_WAY]
     shown, depths = here.shows(points)
     if not alike or not shown.any():

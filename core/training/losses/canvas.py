@@ -17,7 +17,7 @@ class TargetOnCanvas(Target):
     """A photo in the upper left corner of a larger canvas, beyond which nothing is valid;
     see Target, whose sizes are the canvas's.
 
-    size: height and width of the canvas, px. cells: height and width of the masks it is compared under. averaging,
+    shape: height and width of the canvas, px. cells: height and width of the masks it is compared under. averaging,
     enlarging: the matrices (cells, pixels) from the canvas's pixels to cells and back, one for the columns and one for
     the rows. Whatever differs between photos is in `tensors`, so that another photo's can be copied into them
     (core.training.step_cuda).
@@ -29,18 +29,18 @@ class TargetOnCanvas(Target):
         self,
         picture: Float[Tensor, "h w 3"],
         valid: Bool[Tensor, "h w"] | None,
-        size: tuple[int, int],
+        shape: tuple[int, int],
         cells: tuple[int, int],
     ):
         height, width = picture.shape[:2]
-        beyond = 0, size[1] - width, 0, size[0] - height
+        beyond = 0, shape[1] - width, 0, shape[0] - height
         shown = torch.ones(height, width, dtype=torch.bool, device=picture.device) if valid is None else valid
         shown = F.pad(shown, beyond)
         super().__init__(F.pad(picture, (0, 0, *beyond)), shown)
         self.valid, self.valid_pixels = shown, shown.sum(dtype=torch.float32)
 
         def on_both_axes(weights: Callable[[int, int], Tensor]) -> tuple[Tensor, ...]:
-            axes = zip(cells, (height, width), size, strict=True)
+            axes = zip(cells, (height, width), shape, strict=True)
             return tuple(F.pad(weights(count, side), (0, whole - side)).to(picture) for count, side, whole in axes)
 
         self.averaging, self.enlarging = on_both_axes(_averaging), on_both_axes(_enlarging)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from core.errors import BadInput
 from core.kernels.triton_launch import FUSED, blocks
 from core.training.losses import photometric
 
@@ -19,6 +20,8 @@ BLOCK = 128  # pixels per program, one per thread
 RADIUS, WINDOW = tl.constexpr(photometric.RADIUS), tl.constexpr(photometric.WINDOW)
 C1, C2 = tl.constexpr(photometric.C1), tl.constexpr(photometric.C2)
 SIZES = ["height", "width"]  # Triton would compile anew for sizes that are multiples of 16
+PLANES = 9  # three products of three channels
+MOST_NUMBERS = 1 << 31  # fewer are in all planes, as kernels find their place with 32 bits
 
 
 @triton.jit(do_not_specialize=SIZES)
@@ -126,7 +129,11 @@ def photometric_cuda(
     weight: Float[Tensor, "h w"] | None,
     ssim_weight: float,
 ) -> Float[Tensor, ""]:
-    """`core.training.losses.photometric.photometric` for float32 on a GPU."""
+    """`core.training.losses.photometric.photometric` for float32 on a GPU; BadInput for a picture too large for it."""
+    height, width = image.shape[:2]
+    if PLANES * height * width >= MOST_NUMBERS:
+        what = f"A photo of {width}x{height} px is larger than the picture loss can count on a GPU."
+        raise BadInput(what, "Use smaller photos (-r 10000: 10,000 px wide).")
     return _Photometric.apply(image, target, weight, float(ssim_weight))
 
 
@@ -139,7 +146,7 @@ class _Photometric(torch.autograd.Function):
         weights = (weights if valid is None else weights * valid).contiguous()
         taps = photometric.window(torch.float32, image.device)
         ctx.sizes = ssim_weight, height, width
-        blurred, slopes = (image.new_empty(9, height, width) for _ in range(2))
+        blurred, slopes = (image.new_empty(PLANES, height, width) for _ in range(2))
         error = image.new_empty(height, width)
         grid = blocks(height * width, BLOCK)
         blur_products_down[(*grid, 3)](x, y, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
@@ -156,7 +163,7 @@ class _Photometric(torch.autograd.Function):
         ssim_weight, height, width = ctx.sizes
         grid = blocks(height * width, BLOCK)
         blurred, gradient = torch.empty_like(slopes), x.new_empty(height, width, 3)
-        blur_down[(*grid, 9)](slopes, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
+        blur_down[(*grid, PLANES)](slopes, taps, blurred, height, width, BLOCK=BLOCK, **FUSED)
         factor = loss_gradient / ctx.valid_pixels
         combine[grid](blurred, x, y, weights, taps, factor, gradient, ssim_weight, height, width, BLOCK=BLOCK, **FUSED)
         if ctx.valid is not None:

@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from core.errors import BadInput
 from core.training.losses.photometric import Target, plain_photometric
 from tests.training.losses.test_photometric import ERROR_TOLERANCE, GRADIENT_TOLERANCE, example, run
 
@@ -38,3 +39,9 @@ def test_the_kernels_equal_the_definition_with_either_term_alone(ssim_weight):
     true = run(plain_photometric, image.double(), Target(photo.double()), None, ssim_weight)
     torch.testing.assert_close(ours[0], true[0], rtol=0, atol=ERROR_TOLERANCE)
     torch.testing.assert_close(ours[1], true[1], rtol=0, atol=GRADIENT_TOLERANCE * float(true[1].abs().max()))
+
+
+def test_a_photo_of_which_32_bits_cannot_count_the_planes_is_refused():
+    image = torch.zeros(1, 1, 3, device=DEVICE).expand(15_000, 16_000, 3)
+    with pytest.raises(BadInput, match="16000x15000 px .* can count"):
+        photometric_cuda(image, Target(torch.zeros(1, 1, 3, device=DEVICE)), None, 0.2)

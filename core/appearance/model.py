@@ -197,7 +197,7 @@ class AppearanceModel(nn.Module):
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:
         """The embeddings of the training photos: finished ones, else the table's, else as last met.
-        None without appearance and before training."""
+        No rows without appearance and before training."""
         if self.finished_embeddings is not None:
             return self.finished_embeddings
         known = self.met_embeddings if self.embedding_table is None else self.embedding_table.detach()

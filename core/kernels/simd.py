@@ -26,30 +26,14 @@ BITS = ir.VectorType(ir.IntType(1), LANES)
 class Float8Type(types.Type):
     """Eight float32 numbers in one register."""
 
-    def __init__(self):
-        super().__init__(name="Float8")
-
 
 class Mask8Type(types.Type):
     """Eight truth values, as comparisons make them."""
 
-    def __init__(self):
-        super().__init__(name="Mask8")
 
-
-float8, mask8 = Float8Type(), Mask8Type()
-
-
-@register_model(Float8Type)
-class Float8Model(models.PrimitiveModel):
-    def __init__(self, manager, numba_type):
-        super().__init__(manager, numba_type, FLOATS)
-
-
-@register_model(Mask8Type)
-class Mask8Model(models.PrimitiveModel):
-    def __init__(self, manager, numba_type):
-        super().__init__(manager, numba_type, BITS)
+float8, mask8 = Float8Type("Float8"), Mask8Type("Mask8")
+register_model(Float8Type)(lambda manager, numba_type: models.PrimitiveModel(manager, numba_type, FLOATS))
+register_model(Mask8Type)(lambda manager, numba_type: models.PrimitiveModel(manager, numba_type, BITS))
 
 
 # ----------------------------------------------------------------------------------------------------------- operators
@@ -66,10 +50,10 @@ def define_operator(function, result, emit) -> None:
 
 
 # No fast-math flag on any of them: `exp2` counts on its roundings, and the backward pass on repeating the forward's.
-define_operator(operator.add, float8, lambda builder, a, b: builder.fadd(a, b))
-define_operator(operator.sub, float8, lambda builder, a, b: builder.fsub(a, b))
-define_operator(operator.mul, float8, lambda builder, a, b: builder.fmul(a, b))
-define_operator(operator.truediv, float8, lambda builder, a, b: builder.fdiv(a, b))
+define_operator(operator.add, float8, ir.IRBuilder.fadd)
+define_operator(operator.sub, float8, ir.IRBuilder.fsub)
+define_operator(operator.mul, float8, ir.IRBuilder.fmul)
+define_operator(operator.truediv, float8, ir.IRBuilder.fdiv)
 define_operator(operator.ge, mask8, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
 
 
@@ -301,5 +285,5 @@ def define_reduction(emit):
     return reduction
 
 
-lane_sum = define_reduction(lambda builder, a, b: builder.fadd(a, b))
+lane_sum = define_reduction(ir.IRBuilder.fadd)
 lane_maximum = define_reduction(larger)

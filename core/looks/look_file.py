@@ -21,10 +21,8 @@ def write_look(
     maker = maker_of(trained.identity, trained.sky if with_sky else 0, look.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_lines()]))
     if dropped:
-        report.warn(
-            f"{path.name}: {counted(dropped, 'Gaussian')} that cannot be drawn (NaN, "
-            "Inf or a zero quaternion) left out."
-        )
+        undrawable = f"{counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion)"
+        report.warn(f"{path.name}: {undrawable} left out.")
     written = len(splats) - dropped
     gone = []
     if pruned.gaussians:

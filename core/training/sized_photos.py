@@ -160,12 +160,8 @@ def _doubtful_masks(photos: list[SizedPhoto]) -> list[str]:
     left = [1.0 if sized.valid is None else sized.valid.mean() for sized in photos if sized.photo.mask]
     if not left or np.mean(left) >= USUAL_SHARE:
         return []
-    return [
-        (
-            f"The masks leave {np.mean(left):.0%} of their photos: white is what is used. "
-            "Invert them if it marks what is not."
-        )
-    ]
+    what = f"The masks leave {np.mean(left):.0%} of their photos: white is what is used."
+    return [f"{what} Invert them if it marks what is not."]
 
 
 def _most_bytes(device: torch.device) -> float:

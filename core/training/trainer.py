@@ -90,8 +90,8 @@ class Trainer:
         self.rasterizer = core.rasterizer.create(settings.backend, self.device.type)
         sizes = Sizes.of(settings, collection.photos)
         self.on_cuda_kernels = self.rasterizer.name == "cuda" and self.device.type != "cpu"
-        given = collection.split("train"), sizes, self.device, transparent_may_be_empty(collection, settings)
-        self.photos = SizedPhotos(*given, report=report)
+        may_be_empty = transparent_may_be_empty(collection, settings)
+        self.photos = SizedPhotos(collection.split("train"), sizes, self.device, may_be_empty, report)
         if not len(self.photos):
             what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
@@ -179,9 +179,8 @@ class Trainer:
             self.model.remember(reading.embedding, moment.index)
             messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, moment.progress)
         else:
-            messages = [
-                self._skip(moment.index, fault, "taught the networks nothing" if facts.taken else "was skipped")
-            ]
+            outcome = "taught the networks nothing" if facts.taken else "was skipped"
+            messages = [self._skip(moment.index, fault, outcome)]
         return StepReport(
             step=state.done,
             seconds=state.seconds,

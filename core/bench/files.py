@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from core.bench.drawing import draw_png
-from core.bench.figure import Figure, Point
+from core.bench.figure import Figure
 from core.errors import BadInput
 from core.report import Report
 from core.system.atomic import adding, write_bytes, write_json, write_text
@@ -33,11 +33,10 @@ def show(figure: Figure, report: Report) -> None:
     """The figure as a table, what it was made on, and where the defaults lie."""
     header = ("curve", "choice", *(quantity.label for quantity in figure.quantities), "on the front of")
     rows = []
-    for point in figure.points:
+    for point, fronts in zip(figure.points, fronts_of(figure), strict=True):
         cells = [point.values[q.name].words() if q.name in point.values else "-" for q in figure.quantities]
-        fronts = ", ".join(str(number) for number in fronts_of(figure, point))
         label = f"{point.label} (default)" if point.is_default else point.label
-        rows.append((point.curve, label, *cells, fronts))
+        rows.append((point.curve, label, *cells, ", ".join(map(str, fronts))))
     report.table(figure.title, rows, header)
     for number, panel in enumerate(figure.panels, 1):
         report.say(f"{number}: {figure.quantity(panel.y).label} over {figure.quantity(panel.x).label}")
@@ -60,9 +59,10 @@ def figure_files(folder: Path, names: tuple[str, ...]) -> list[Path]:
     return [path for name in names for suffix in SUFFIXES if (path := folder / (name + suffix)).exists()]
 
 
-def fronts_of(figure: Figure, point: Point) -> list[int]:
-    """The numbers, from 1, of the panels on whose Pareto front the point lies."""
-    return [number for number, panel in enumerate(figure.panels, 1) if point in figure.front(panel)]
+def fronts_of(figure: Figure) -> list[list[int]]:
+    """For each point, the numbers, from 1, of the panels on whose Pareto front it lies."""
+    fronts = [figure.front(panel) for panel in figure.panels]
+    return [[number for number, front in enumerate(fronts, 1) if point in front] for point in figure.points]
 
 
 def csv_of(figure: Figure) -> str:
@@ -73,12 +73,11 @@ def csv_of(figure: Figure) -> str:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["curve", "choice", "default", *spreads, *fronts, *figure.made_on])
-    for point in figure.points:
+    for point, on in zip(figure.points, fronts_of(figure), strict=True):
         cells: list[Any] = []
         for quantity in figure.quantities:
             spread = point.values.get(quantity.name)
             cells += ["", "", ""] if spread is None else [spread.median, spread.low, spread.high]
-        on = fronts_of(figure, point)
         flags = [int(number in on) for number in range(1, len(figure.panels) + 1)]
         table.writerow([point.curve, point.label, int(point.is_default), *cells, *flags, *figure.made_on.values()])
     return text.getvalue()
@@ -87,6 +86,6 @@ def csv_of(figure: Figure) -> str:
 def json_of(figure: Figure) -> dict[str, Any]:
     """Everything that the figure holds, and the fronts."""
     values = asdict(figure)
-    for entry, point in zip(values["points"], figure.points, strict=True):
-        entry["fronts"] = fronts_of(figure, point)
+    for entry, fronts in zip(values["points"], fronts_of(figure), strict=True):
+        entry["fronts"] = fronts
     return values | {"verdicts": figure.verdicts()}

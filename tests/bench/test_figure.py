@@ -113,6 +113,16 @@ def test_csv_and_json_hold_the_points_the_fronts_and_the_machine(tmp_path):
     assert value["verdicts"] == made.verdicts()
 
 
+def test_fronts_are_searched_once_a_panel_however_many_points_there_are(monkeypatch):
+    searched, front = [], Figure.front
+    monkeypatch.setattr(Figure, "front", lambda made, panel: searched.append(panel) or front(made, panel))
+    made = figure(*POINTS)
+    for form in (files.csv_of, files.json_of, lambda figure: files.show(figure, Heard())):
+        searched.clear()
+        form(made)
+        assert searched == list(made.panels)
+
+
 def test_a_part_of_a_figure_is_not_left_in_the_way(tmp_path, monkeypatch):
     interrupt = failing(KeyboardInterrupt)
     made = figure(*POINTS)

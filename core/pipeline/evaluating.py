@@ -1,5 +1,6 @@
 """A trained run and its held-out photos -> figures: what `wegs eval` does."""
 
+import math
 import time
 from collections.abc import Iterable
 from contextlib import nullcontext
@@ -23,6 +24,8 @@ from core.run import run_folders
 from core.run.run_config import check_same_run
 from core.system.atomic import adding
 from core.words import counted
+
+MOST_ROWS = 100  # of the sheet: 500 photos would take 2.6 GB, in a picture that few programs open
 
 
 def evaluate(
@@ -89,7 +92,7 @@ def evaluate(
     with adding(trained.folder) as files:
         results.save(files)
         write_png(files / sheet, picture_sheet(rows, protocol, trained.step))
-    written = [*figures, sheet]
+    written = [*figures, sheet if len(rows) == len(views) else f"{sheet} (of {counted(len(rows), 'photo')})"]
     if keep_pictures:
         written.append(f"{PICTURES}/{protocol}/")
     report.say(f"{trained.folder}: {', '.join(written)}")
@@ -107,17 +110,19 @@ def _what_is_measured(trained: TrainedRun, photos: tuple[Photo, ...], protocol: 
 def _gathered(
     measured: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]], paths: dict[str, Path], work: Path | None
 ) -> tuple[tuple[ViewResult, ...], list[Row], float]:
-    """The figures of each photo, its row of the sheet, and the mean scale of the photos (1: as on disk).
-    work: where to write pictures, if at all."""
+    """The figures of each photo, at most MOST_ROWS rows of the sheet, of photos evenly spread, and the mean scale of
+    the photos (1: as on disk). paths: of the pictures, by photo. work: where to write them, if at all."""
     views, rows, scales = [], [], []
-    for photo, (result, pictures) in measured:
+    photos_a_row = math.ceil(len(paths) / MOST_ROWS)
+    for number, (photo, (result, pictures)) in enumerate(measured):
         views.append(result)
         scales.append(result.width / photo.camera.width)
-        figures = (
-            f"{WAYS[look]} {score.psnr:.2f} dB" if pictures.look else f"{score.psnr:.2f} dB"
-            for look, score in result.scores["photo"].items()
-        )
-        rows.append(row_of(pictures, ", ".join(figures)))
+        if number % photos_a_row == 0:
+            figures = (
+                f"{WAYS[look]} {score.psnr:.2f} dB" if pictures.look else f"{score.psnr:.2f} dB"
+                for look, score in result.scores["photo"].items()
+            )
+            rows.append(row_of(pictures, ", ".join(figures)))
         if work is not None:
             write_view(work, paths[photo.name], pictures)
     return tuple(views), rows, fmean(scales)

@@ -50,6 +50,16 @@ def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
     assert {path.name for path in (trained[0] / "pictures/full/gt-color").iterdir()} == {"photo_2.png", "photo_5.png"}
 
 
+def test_the_sheet_shows_some_of_many_photos_and_says_so(trained, monkeypatch):
+    pipeline.evaluate(trained[0], refine=False)
+    height = cv2.imread(str(trained[0] / "sheet.png")).shape[0]
+    monkeypatch.setattr(evaluating, "MOST_ROWS", 1)
+    heard = Heard()
+    results = pipeline.evaluate(trained[0], report=heard, refine=False)
+    assert cv2.imread(str(trained[0] / "sheet.png")).shape[0] < height and len(results.views) == 2
+    assert heard.lines[-1].endswith("per_view.json, sheet.png (of 1 photo)")
+
+
 def test_pictures_of_an_earlier_call_are_reported_as_such(trained, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder, ignore=shutil.ignore_patterns("pictures"))

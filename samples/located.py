@@ -53,10 +53,8 @@ def main(run_folder: Path | None) -> None:
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue
-        off, decibels = (
-            off_px(found.camera, collection.photo(photo.name), collection),
-            scores(trained, photo, found.camera),
-        )
+        off = off_px(found.camera, collection.photo(photo.name), collection)
+        decibels = scores(trained, photo, found.camera)
         agree = f"{found.agreeing} of {found.matched} features agree"
         click.echo(f"{photo.name}: {agree}, {off:.2f} px of {WIDTH_PX} off; {FIGURES.format(*decibels)}")
         rows.append((off, *decibels))

@@ -64,16 +64,12 @@ def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: 
     with Terminal() as terminal, tempfile.TemporaryDirectory() as folder:
         trained = train(collection, settings, Path(folder), terminal)
         photos = [compared(trained, photo) for photo in collection.split("test")]
-    for what, chosen in (
-        ("all", photos),
-        ("beyond the known range", [photo for photo in photos if photo.distance > 1]),
-    ):
+    beyond = [photo for photo in photos if photo.distance > 1]
+    for what, chosen in (("all", photos), ("beyond the known range", beyond)):
         means = ""
         if chosen:
-            drawn_in, with_gains = (
-                fmean(photo.drawn_in for photo in chosen),
-                fmean(photo.with_gains for photo in chosen),
-            )
+            drawn_in = fmean(photo.drawn_in for photo in chosen)
+            with_gains = fmean(photo.with_gains for photo in chosen)
             means = f": {drawn_in:.2f} dB drawn in, {with_gains:.2f} dB with gains"
         click.echo(f"{what}, {len(chosen)} of {len(photos)} photos{means}")
 

@@ -13,7 +13,7 @@ EVERY = 8  # as in the original 3DGS and everything compared with it
 # The original 3DGS's; nerfbaselines', beside which a TRAINING_LIST says what is trained on.
 TEST_LISTS = ("test.txt", "test_list.txt")
 TRAINING_LIST = "train_list.txt"
-COMMENT = "# "  # begins a line of it that names no photo
+COMMENT = "# "  # begins a line of any of these lists that names no photo
 # In a scene made of plain photos: the lists that were copied into it, each with the hash of its content.
 COPIED = "lists.json"
 

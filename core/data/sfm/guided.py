@@ -77,10 +77,8 @@ def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoView
     """(k, 2) uint32: pairs of a feature of the first and one of the second photo, each the other's nearest in
     descriptor among those that the geometry allows, and clearly so (Lowe 2004, 7.1)."""
     at_points, n = geometry.config in AT_POINTS, len(first.pixels)
-    nearest, partner = (
-        np.full((n + len(second.pixels), 2), FAR, np.int32),
-        np.full(n + len(second.pixels), -1, np.int32),
-    )
+    both = n + len(second.pixels)
+    nearest, partner = np.full((both, 2), FAR, np.int32), np.full(both, -1, np.int32)
     matrix = geometry.H if at_points else _fundamental(first, second, geometry)
     assert matrix is not None  # COLMAP stores what the configuration says
     most_alike_near(

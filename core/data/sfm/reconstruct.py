@@ -64,13 +64,9 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
     paths = list_photos(photos)
     if not paths:
         raise no_photos(photos)
-    for note in (
-        *name_them(
-            "in formats that cannot be read, left out; convert them to JPEG",
-            [path.name for path in list_unreadable(photos)],
-        ),
-        *name_them("whose file is gone, left out", [path.name for path in list_gone(photos)]),
-    ):
+    unreadable, gone = ([path.name for path in found] for found in (list_unreadable(photos), list_gone(photos)))
+    left_out = name_them("in formats that cannot be read, left out; convert them to JPEG", unreadable)
+    for note in [*left_out, *name_them("whose file is gone, left out", gone)]:
         report.warn(note.text)
     made_of = files_of(photos)
     with replacing_folder(output) as new, work_kept_if_stopped(output, report) as work, quiet():

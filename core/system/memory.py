@@ -11,6 +11,8 @@ from core.errors import BadSetting
 GIB = 1 << 30
 # Bytes of torch, Numba and others that are mapped from their files: the limit below leaves them out.
 LIBRARIES = 300 << 20
+# Of the program beside what `fitting` counts; allocated, as `limit` counts: a fifth of it is never touched.
+OTHER_BYTES = 600 << 20
 GROUPS, OF_PROCESS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
@@ -55,6 +57,12 @@ def room() -> int | None:
     if "SC_PHYS_PAGES" in getattr(os, "sysconf_names", ()):  # Windows has none
         known.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     return min((size for size in known if size is not None), default=None)
+
+
+def fitting(each: int) -> int:
+    """How many pieces of work that take `each` bytes may be at work at once: one, or as many as the `room` holds."""
+    whole = room()
+    return sys.maxsize if whole is None else max(1, (whole - OTHER_BYTES) // each)
 
 
 def _of_groups() -> Iterator[int]:

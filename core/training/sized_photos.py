@@ -23,11 +23,12 @@ from core.training.losses.photometric import Target
 from core.words import Reasons
 
 USUAL_SHARE = 0.5  # of the photos; given masks that leave less may be inverted
-DECODERS = 8  # threads at most, and one where memory is limited: a photo of 100 MP takes 1 GB while it is decoded
+DECODERS = 8  # threads at most
+DECODED_BYTES = 40  # that a thread takes for each pixel of a file with transparency; for those of others, up to 13
 PHOTOS_PER_DECODER = 8  # between two reports of progress
 TARGET_BYTES = 3_000_000_000  # cached targets in main memory; beyond, the oldest are made again when needed
 LEAST_FILLED = 0.4  # of a canvas, by the mean photo: upright and wide ones together fill three quarters, panoramas less
-TARGET_SHARE = 0.25  # of a memory limit, or of a GPU's memory, that cached targets may take
+TARGET_SHARE = 0.25  # of the memory that there is, or of a GPU's, that cached targets may take
 
 
 class SizedPhotos(Sequence[SizedPhoto]):
@@ -117,7 +118,8 @@ def _usable(
     """The photos that `load` can decode, in their order, and lines about the others."""
     usable: list[SizedPhoto] = []
     damaged, last_fault = Reasons(), ""
-    decoders = 1 if memory.limit() else min(threads(), DECODERS)
+    largest_px = max((photo.camera.width * photo.camera.height for photo in photos), default=1)
+    decoders = min(threads(), DECODERS, memory.fitting(DECODED_BYTES * largest_px))
     at_once = decoders * PHOTOS_PER_DECODER
     for start in range(0, len(photos), at_once):
         some = photos[start : start + at_once]
@@ -168,5 +170,5 @@ def _most_bytes(device: torch.device) -> float:
     """What cached targets may take."""
     if device.type == "cuda":
         return TARGET_SHARE * torch.cuda.get_device_properties(device).total_memory
-    allowed = memory.limit()
-    return TARGET_BYTES if allowed is None else min(TARGET_BYTES, TARGET_SHARE * allowed)
+    room = memory.room()
+    return TARGET_BYTES if room is None else min(TARGET_BYTES, TARGET_SHARE * room)

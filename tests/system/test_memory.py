@@ -57,14 +57,12 @@ def test_the_command_line_sets_the_limit(soft_limit_put_back):
     assert CliRunner().invoke(wegs, ["--memory", "1.9", "train", "--help"]).exit_code == 2
 
 
-def test_cached_targets_take_a_share_of_the_limit(soft_limit_put_back):
-    assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == sized_photos.TARGET_BYTES
-    memory.hold_to(8)
-    assert (
-        sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes
-        == sized_photos.TARGET_SHARE * memory.limit()
-        < sized_photos.TARGET_BYTES
-    )
+def test_cached_targets_take_a_share_of_the_memory_that_there_is(monkeypatch):
+    share = sized_photos.TARGET_SHARE * 8 * memory.GIB
+    assert share < sized_photos.TARGET_BYTES
+    for gib, most in ((None, sized_photos.TARGET_BYTES), (50, sized_photos.TARGET_BYTES), (8, share)):
+        monkeypatch.setattr(memory, "room", lambda gib=gib: gib and gib * memory.GIB)
+        assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == most
 
 
 @pytest.mark.parametrize("gib", [float("inf"), float("nan"), 16e9, 1e300, 0.2, 0, -1])

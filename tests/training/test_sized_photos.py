@@ -103,9 +103,10 @@ def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
     assert not photos[0].encoder_input.any()
 
 
-@pytest.mark.parametrize("threads, limit", [(1, None), (2, None), (3, None), (2, 1 << 34)])
+# What their memory holds, in photos that are being decoded, and the threads that decode.
+@pytest.mark.parametrize("threads, held, decoders", [(1, None, 1), (2, None, 2), (3, 3, 3), (3, 2, 2), (2, 0, 1)])
 def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_are_named(
-    tmp_path, monkeypatch, threads, limit
+    tmp_path, monkeypatch, threads, held, decoders
 ):
     one, heard = small_collection(tmp_path, photos=1).photos[0], Heard()
     photos = []
@@ -115,7 +116,8 @@ def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_ar
         photos.append(replace(one, name=path.name, path=path))
     photos[7].path.write_bytes(b"no photo")
     photos[31].path.unlink()
-    monkeypatch.setattr(memory, "limit", lambda: limit)
+    each = module.DECODED_BYTES * WIDTH * HEIGHT
+    monkeypatch.setattr(memory, "room", lambda: None if held is None else memory.OTHER_BYTES + held * each)
     torch.set_num_threads(threads)
     found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX), report=heard)
     assert [(sized.photo.name, sized.pixels[0, 0, 0]) for sized in found] == [
@@ -125,12 +127,12 @@ def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_ar
         found.notes[0].startswith("2 photos of the train split that cannot be used: 07.png (")
         and ", 31.png (" in found.notes[0]
     )
-    assert heard.steps[-1] == (40, 40) and len(heard.steps) == (5 if limit else -(-40 // (8 * threads)))
+    assert heard.steps[-1] == (40, 40) and len(heard.steps) == -(-40 // (8 * decoders))
 
 
-@pytest.mark.parametrize("limit, decoders", [(1 << 34, 8), (None, 1)])
-def test_photos_are_decoded_one_by_one_where_memory_is_limited_or_no_more_threads_may_decode(
-    tmp_path, monkeypatch, limit, decoders
+@pytest.mark.parametrize("room, decoders", [(1 << 20, 8), (None, 1)])  # that of a container, of an unknown system
+def test_photos_are_decoded_one_by_one_where_memory_is_small_or_no_more_threads_may_decode(
+    tmp_path, monkeypatch, room, decoders
 ):
     photos, decoding = small_collection(tmp_path).photos, set()
     load = module.load_sized_photo
@@ -138,7 +140,7 @@ def test_photos_are_decoded_one_by_one_where_memory_is_limited_or_no_more_thread
         module, "load_sized_photo", lambda *photo, **given: decoding.add(threading.get_ident()) or load(*photo, **given)
     )
     monkeypatch.setattr(module, "DECODERS", decoders)
-    monkeypatch.setattr(memory, "limit", lambda: limit)
+    monkeypatch.setattr(memory, "room", lambda: room)
     assert len(SizedPhotos(photos, Sizes(1, 1.0, SIDE_PX))) == 6 and decoding == {threading.get_ident()}
 
 

@@ -30,9 +30,9 @@ PART_S = 3.0  # features and matches are computed in parts that take this long, 
 PHOTO_BYTES, PAIR_BYTES = 3 << 20, 1 << 17
 MOST_PHOTOS, MOST_PAIRS = 64, 512  # of a part, however fast: those that are in the database already take no time
 PHOTOS, MASKS, DATABASE = "photos", "masks", "database.db"  # in the work folder
-# Memory for a thread that finds or matches MOST_FEATURES in square photos of LONG_SIDE_PX, in others less, and for the
-# rest of the program; allocated, as `memory.limit` counts: a fifth of it is never touched.
-THREAD_BYTES, OTHER_BYTES = 900 << 20, 600 << 20
+# Memory for a thread that finds or matches MOST_FEATURES in square photos of LONG_SIDE_PX, in others less; allocated,
+# as `memory.limit` counts: a fifth of it is never touched.
+THREAD_BYTES = 900 << 20
 HALF = 128  # of 255: features are extracted where less of a pixel than this is empty space
 
 
@@ -140,8 +140,7 @@ def match(
 
 def threads_within_room() -> int:
     """One thread a core, or as many as memory has room for: beyond it, pycolmap or the system would end the program."""
-    cores, room = threads.cores(), memory.room()
-    return cores if room is None else max(1, min(cores, (room - OTHER_BYTES) // THREAD_BYTES))
+    return min(threads.cores(), memory.fitting(THREAD_BYTES))
 
 
 def in_parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:

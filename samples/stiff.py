@@ -96,18 +96,16 @@ def main(steps: int, resolution: int | str, seeds: int, output: Path) -> None:
 
 
 def spoilt(folder: Path, change: Change) -> Path:
-    """A copy of plaza with its model and training photos changed, made once."""
-    if not folder.is_dir():
-        making = folder.with_name("making")
-        shutil.rmtree(making, ignore_errors=True)
-        shutil.copytree(SCENE / "dense", making / "dense")
-        shutil.copy(SCENE / "plaza.tsv", making)
-        splits = read_split_table(SCENE / "plaza.tsv").splits
-        photos = [making / "dense" / "images" / name for name, split in splits.items() if split == "train"]
-        model = pycolmap.Reconstruction(making / "dense" / "sparse")
-        change(model, photos)
-        model.write(making / "dense" / "sparse")
-        making.rename(folder)
+    """A copy of plaza with its model and training photos changed, in place of one that an earlier run left: that may be
+    incomplete, or of another plaza."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(SCENE / "dense", folder / "dense")
+    shutil.copy(SCENE / "plaza.tsv", folder)
+    splits = read_split_table(SCENE / "plaza.tsv").splits
+    photos = [folder / "dense" / "images" / name for name, split in splits.items() if split == "train"]
+    model = pycolmap.Reconstruction(folder / "dense" / "sparse")
+    change(model, photos)
+    model.write(folder / "dense" / "sparse")
     return folder
 
 

@@ -40,10 +40,16 @@ def test_two_training_photos_have_wrong_cameras_or_no_picture(plain, tmp_path):
     assert sum(mean < 1 for mean in means) == sum(mean > 254 for mean in means) == 1
 
 
-def test_a_scene_is_made_once(tmp_path):
-    folder = stiff.spoilt(tmp_path / "scene", stiff.CASES["as it is"])
-    (folder / "mine").touch()
-    assert stiff.spoilt(folder, stiff.black_and_white) == folder and (folder / "mine").exists()
+def test_what_an_earlier_run_left_is_made_again(plain, tmp_path):
+    folder = stiff.spoilt(tmp_path / "scene", stiff.CASES["scene x 1e4"])
+    (folder / "plaza.tsv").unlink()
+    next((folder / "dense" / "images").iterdir()).write_bytes(b"of another plaza")
+    assert stiff.spoilt(folder, stiff.CASES["as it is"]) == folder
+    np.testing.assert_allclose(centres(pycolmap.Reconstruction(folder / "dense" / "sparse")), centres(plain))
+    copied = [path for path in folder.rglob("*") if path.is_file() and path.parent.name != "sparse"]
+    for path in copied:
+        assert path.read_bytes() == (stiff.SCENE / path.relative_to(folder)).read_bytes()
+    assert len(copied) > 60
 
 
 def test_what_cannot_be_measured_is_refused_before_plaza_is_copied(tmp_path):

@@ -179,7 +179,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
         if encoded:
             model.meet_as_finished(encoded["masked"], encoded["unmasked"])
-        state = RunState(**saved.facts["trainer"])
+        state = RunState.of_facts(saved.facts)
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)
     photo_embeddings = encoded.get("masked") if model.embedding_table is None else model.embedding_table

@@ -1,6 +1,6 @@
 """Where a run stands: what a checkpoint holds beside Gaussians, networks, optimizer and random generator."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 
 @dataclass
@@ -33,6 +33,16 @@ class RunState:
             skipped_in_a_row=0,
             collapse_told=False,
         )
+
+    @staticmethod
+    def of_facts(facts: dict) -> "RunState":
+        """The inverse of `facts`; KeyError or TypeError if any is missing."""
+        return RunState(**facts["trainer"] | {"done": facts["step"]})
+
+    def facts(self) -> dict:
+        """What a checkpoint says of it: the steps, which every reader wants, as its `step`."""
+        state = asdict(self)
+        return {"step": state.pop("done"), "trainer": state}
 
     def check_photos(self, photos: int) -> None:
         """Raise ValueError if it is of a run on another number of photos."""

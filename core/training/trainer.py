@@ -285,14 +285,14 @@ class Trainer:
                 zip(("masked", "unmasked"), self.model.encoded(sized.encoder_input for sized in self.photos))
             )
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
-        facts = {"step": self.state.done, "sky": self.gaussians.sky, "trainer": dataclasses.asdict(self.state)}
-        facts["photos"] = [sized.photo.name for sized in self.photos]
+        photos = [sized.photo.name for sized in self.photos]
+        facts = {"sky": self.gaussians.sky, "photos": photos, **self.state.facts()}
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:
         """Restore the state of a checkpoint; KeyError, TypeError,
         ValueError or RuntimeError if it is of another collection or other settings."""
-        state = RunState(**saved.facts["trainer"])
+        state = RunState.of_facts(saved.facts)
         state.check_photos(len(self.photos))
         gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"])
         if gaussians.kind != self.gaussians.kind:

@@ -128,8 +128,7 @@ def test_every_command_says_if_a_run_was_stopped(trained, tmp_path):
     saved = checkpoint.load(checkpoint.newest(folder))
     for path in checkpoint.written(folder):
         path.unlink()
-    facts = saved.facts | {"step": 5, "trainer": saved.facts["trainer"] | {"done": 5}}
-    checkpoint.save(folder, checkpoint.Checkpoint(saved.tensors, facts))
+    checkpoint.save(folder, checkpoint.Checkpoint(saved.tensors, saved.facts | {"step": 5}))
     heard = Heard()
     pipeline.evaluate(folder, report=heard, refine=False)
     pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply", heard)

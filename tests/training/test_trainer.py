@@ -101,8 +101,14 @@ def test_what_a_run_has_counted_and_said_is_remembered(collection, tmp_path):
     trainer.step()
     changed = {"seconds": 12.5, "mask_mean": 0.75, "skipped": 7, "skipped_in_a_row": 3, "collapse_told": True}
     trainer.state = replace(trainer.state, **changed)
-    resumed.resume(checkpoint.load(trainer.save()))
+    saved = checkpoint.load(trainer.save())
+    resumed.resume(saved)
     assert resumed.state == trainer.state and resumed.state.done == 1
+    resumed.resume(checkpoint.Checkpoint(saved.tensors, saved.facts | {"step": 7}))
+    assert resumed.state == replace(trainer.state, done=7)  # there is no second number of steps that could differ
+    before = {"step": 1, "trainer": saved.facts["trainer"] | {"done": 1}}  # as older versions wrote it
+    resumed.resume(checkpoint.Checkpoint(saved.tensors, saved.facts | before))
+    assert resumed.state == trainer.state
 
 
 def test_a_gpu_that_ran_out_of_memory_is_no_fault_of_the_checkpoint(tmp_path):

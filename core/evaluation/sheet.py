@@ -74,11 +74,11 @@ def pictures_kept(folder: Path, protocol: str) -> Iterator[Path]:
 
 
 def write_view(folder: Path, png: Path, view: ViewPictures) -> None:
-    """The render and the photo as the file `png` in both of PARTS in `folder`."""
+    """The render and the photo as the file `png` in both of PARTS in `folder`, which must exist."""
     for part, pixels in zip(PARTS, (view.render, view.photo), strict=True):
-        path = folder / part / png
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_png(path, pixels)
+        for above in reversed(png.parents):
+            (folder / part / above).mkdir(exist_ok=True)
+        write_png(folder / part / png, pixels)
 
 
 def _mask_picture(mask: Float[np.ndarray, "h4 w4"], size: tuple[int, int]) -> np.ndarray:

@@ -92,8 +92,10 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
 
 
 def check_same_run(folder: Path, identity: str) -> None:
-    """Raise BadInput if another run than that of the identity lies in `folder` by now:
+    """Raise BadInput if another run than that of the identity lies in `folder` by now, or none:
     what was made of the first does not belong there."""
+    if not folder.is_dir():
+        raise BadInput(f"{folder} was moved or removed meanwhile.", "Run the same command again, on where it is now.")
     if read_mark(folder / CONFIG).get("run", identity) != identity:
         raise BadInput(f"{folder} holds another run than before.", "Run the same command again.")
 

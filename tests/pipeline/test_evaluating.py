@@ -164,6 +164,26 @@ def test_figures_of_a_run_that_was_replaced_meanwhile_are_not_kept(trained, tmp_
     assert not any((folder / name).exists() for name in ("results.json", "per_view.json", "pictures"))
 
 
+@pytest.mark.parametrize(
+    "keep_pictures, words", [(False, "was moved or removed meanwhile"), (True, "could not be written")]
+)
+def test_figures_of_a_run_that_was_renamed_meanwhile_do_not_make_a_folder_of_its_old_name(
+    trained, tmp_path, monkeypatch, keep_pictures, words
+):
+    folder = shutil.copytree(trained[0], tmp_path / "run", ignore=shutil.ignore_patterns("results.json"))
+
+    def renamed(*arguments):
+        if folder.exists():
+            folder.rename(tmp_path / "renamed")
+        return protocols.measure(*arguments)
+
+    monkeypatch.setattr(evaluating, "measure", renamed)
+    with pytest.raises(BadInput, match=f"^{folder}.* {words}"):
+        pipeline.evaluate(folder, refine=False, keep_pictures=keep_pictures)
+    assert [path.name for path in tmp_path.iterdir()] == ["renamed"]
+    assert not (tmp_path / "renamed" / "results.json").exists()
+
+
 def test_figures_are_printed_even_if_the_disk_is_full(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(evaluating, "write_png", failing(disk_full("sheet.png")))
     heard = Heard()

@@ -95,7 +95,10 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     found = with_masks_by_name(collection, masks, folder)
     if not any(photo.mask for photo in found.split("train")):
         why = "; ".join(note.text for note in found.notes[len(collection.notes) :] if not note.harmless)
-        raise BadInput(f"No mask in {folder} can be used: {why}.", "Copy or draw them again.")
+        raise BadInput(
+            f"No mask in {folder} can be used: {why.replace(', used whole', '')}.",
+            "Copy them again, or draw them on the whole photos, as displayed.",
+        )
     _check_usable([photo.mask.path for photo in found.split("train") if photo.mask][:TRIED])
     notes = []
     if any(photo.mask for photo in collection.photos):

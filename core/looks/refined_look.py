@@ -103,7 +103,7 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
         check_same_run(trained.folder, trained.identity)
         found.save(path, trained.identity)
     except WegsError as problem:
-        report.warn(f"{problem} The next photo from outside has them searched for again.")
+        report.warn(f"{problem.what} The next new photo has the features extracted again.")
     return found
 
 

@@ -188,7 +188,7 @@ def test_damaged_masks_of_training_photos_are_named_and_the_others_used(collecti
         save_mask(folder / f"photo_{number}.png").write_bytes(b"no picture")
     with pytest.raises(
         BadInput,
-        match="No mask in .* can be used: 1 photo with a damaged mask.*: photo_0.png .is not.*; 3 photos without",
+        match="No mask in .* can be used: 1 photo with a damaged mask: photo_0.png .is not.*; 3 photos without a mask: ",
     ):
         with_masks_in(collection, folder)
     wanted = save_mask(folder / "photo_1.png")

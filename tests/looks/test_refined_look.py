@@ -259,9 +259,12 @@ def test_a_scene_that_does_not_say_which_photo_sees_which_point_is_reported(trai
 
 
 def test_landmarks_can_be_used_in_a_run_that_may_not_be_written_in(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(Landmarks, "save", failing(BadInput("The folder may not be written in.")))
-    known = refined_look.landmarks_of_run(replace(trained, folder=tmp_path), Report())
+    monkeypatch.setattr(Landmarks, "save", failing(BadInput("The folder may not be written in.", "Use another.")))
+    heard = Heard()
+    known = refined_look.landmarks_of_run(replace(trained, folder=tmp_path), heard)
     assert len(known.counts) == 5 and not list(tmp_path.iterdir())
+    said = "! The folder may not be written in. The next new photo has the features extracted again."
+    assert said in heard.lines  # there is no other folder to use
 
 
 def test_landmarks_are_not_kept_in_a_run_that_was_replaced_meanwhile(trained, tmp_path):

@@ -95,7 +95,7 @@ def load_sized_photo(
     """
     camera = sizes.camera(photo)
     loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty)
-    full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float() / 255
+    full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float().div_(255)
     return SizedPhoto(
         photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty
     )

@@ -2,6 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import partial
 
 import cv2
@@ -17,6 +18,7 @@ from core.run.sized_photo import SizedPhoto, Sizes, as_tensors, load_sized_photo
 from core.scene.camera import Camera
 from core.system import memory
 from core.system.device import CPU
+from core.system.process import blocks_apart, return_freed
 from core.system.threads import in_parallel, threads
 from core.training.losses.canvas import TargetOnCanvas
 from core.training.losses.photometric import Target
@@ -49,7 +51,10 @@ class SizedPhotos(Sequence[SizedPhoto]):
     ):
         self.device, self.share_canvas = device, False
         load = partial(load_sized_photo, sizes=sizes, device=device, transparent_is_empty=transparent_is_empty)
-        self.photos, damage = _usable(photos, load, report)
+        # Blocks apart take twice the time, so they are for a limit, which counts the gaps in the heap.
+        with blocks_apart() if memory.limit() else nullcontext():
+            self.photos, damage = _usable(photos, load, report)
+        return_freed()
         self.notes = damage + _doubtful_masks(self.photos)
         self._targets: OrderedDict[int, Target] = OrderedDict()  # by index, all shrunk by `_factor`
         self._factor = 0

@@ -1,11 +1,12 @@
-"""What a process is told before torch is loaded: with glibc, memory that was freed is at hand again;
-what the user set stays; who waits for the interpreter."""
+"""What a process is told before torch is loaded: with glibc, memory that was freed is at hand again,
+or returned where gaps would grow; what the user set stays; who waits for the interpreter."""
 
 import os
 import platform
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 STEPS = """
@@ -91,3 +92,40 @@ def test_a_thread_beside_python_code_does_not_wait_long_for_the_interpreter():
             break
     assert before > 4e-3
     assert now < before / 2
+
+
+GAPS = """
+import sys
+from contextlib import nullcontext
+from core.system.process import blocks_apart, prepare, return_freed
+prepare()
+import numpy as np
+
+def megabytes(what):
+    with open("/proc/self/status") as file:
+        return next(int(line.split()[1]) for line in file if line.startswith(what)) / 1024
+
+reserved, used = megabytes("VmData"), megabytes("VmRSS")
+kept = []
+with blocks_apart() if sys.argv[1] == "apart" else nullcontext():
+    for number in range(300):  # much fits into no gap, and what is kept of it leaves a third of the last one
+        much = np.ones(300_000 + 4096 * number, np.uint8)
+        kept.append(np.ones(200_000 + 2048 * number, np.uint8))
+        del much
+own = sum(array.nbytes for array in kept) / 2**20
+print(own, megabytes("VmData") - reserved - own, megabytes("VmRSS") - used - own)
+return_freed()
+print(megabytes("VmRSS") - used - own)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is told")
+def test_what_is_left_of_much_lies_without_gaps_apart_and_gaps_in_the_heap_are_returned():
+    def gaps(where):
+        program = [sys.executable, "-c", GAPS, where]
+        own, *rest = map(float, subprocess.run(program, capture_output=True, text=True, check=True).stdout.split())
+        return np.array(rest) / own
+
+    (reserved, used, returned), apart = gaps("heap"), gaps("apart")
+    assert reserved > 0.2 and used > 0.2 and returned < 0.05
+    assert (apart < 0.05).all()

@@ -1,6 +1,9 @@
 """Photos at training size: never enlarged, the same from the cache and made again,
 and nothing of what is hidden in them."""
 
+import platform
+import subprocess
+import sys
 import threading
 import weakref
 from dataclasses import replace
@@ -128,6 +131,42 @@ def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_ar
         and ", 31.png (" in found.notes[0]
     )
     assert heard.steps[-1] == (40, 40) and len(heard.steps) == -(-40 // (8 * decoders))
+
+
+DECODES = """
+import sys
+from pathlib import Path
+from core.system.process import prepare
+prepare()
+from dataclasses import replace
+import cv2
+import numpy as np
+from core.run.sized_photo import Sizes
+from core.system import memory
+from core.training.sized_photos import SizedPhotos
+from tests.small import small_collection
+
+def taken():
+    with open("/proc/self/status") as file:
+        return next(int(line.split()[1]) for line in file if line.startswith("VmData")) * 1024
+
+folder = Path(sys.argv[1])
+one = small_collection(folder, photos=1).photos[0]
+path = folder / "all.jpg"
+cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 255, (240, 320, 3), np.uint8))
+one = replace(one, path=path, camera=one.camera.resized(320, 240))
+memory.hold_to(8)
+SizedPhotos((one,) * 8, Sizes(1, 1.0, 144))
+before = taken()
+found = SizedPhotos((one,) * 200, Sizes(1, 1.0, 144))
+print((taken() - before) / sum(sized.pixels.nbytes + sized.encoder_input.nbytes for sized in found))
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc can be told")
+def test_where_memory_is_limited_photos_take_what_is_kept_of_them_and_hardly_more(tmp_path):
+    program = [sys.executable, "-c", DECODES, str(tmp_path)]
+    assert float(subprocess.run(program, capture_output=True, text=True, check=True).stdout) < 1.1
 
 
 @pytest.mark.parametrize("room, decoders", [(1 << 20, 8), (None, 1)])  # that of a container, of an unknown system

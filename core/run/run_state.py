@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 class RunState:
     """done: steps. seconds: of training, without the checks of held-out photos. order: the photos left in this round
     through all of them, by index; the last one is next. mask_mean: running mean of the masks, 1 where nothing is
-    hidden. last_losses: see `guards.usual_loss`. skipped, skipped_in_a_row: invalid steps. collapse_told: whether the
+    hidden. last_losses: see `guards.LastLosses`. skipped, skipped_in_a_row: invalid steps. collapse_told: whether the
     user was told that masks hide too much.
     """
 

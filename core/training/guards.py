@@ -6,8 +6,8 @@ thousand times too large stops them from learning for a thousand steps.
 """
 
 import math
+from bisect import bisect_left, insort
 from collections.abc import Iterable
-from statistics import median
 from typing import NamedTuple
 
 import torch
@@ -20,17 +20,35 @@ SPIKE = 10.0  # times the usual picture loss
 LEAST_SPIKE = 2.0
 
 
-def usual_loss(last_losses: list[float | None]) -> float:
-    """The median picture loss of the photos; infinity if none is known.
+class LastLosses:
+    """The picture losses of the photos, and the usual one.
 
-    last_losses: the picture loss of each photo when it was last trained on, None where it was not yet.
+    by_photo: of each photo when it was last trained on, None where it was not yet. Their order is kept from step to
+    step: sorting those of 2,600 photos anew takes 0.3 ms, a tenth of a step on a GPU.
     """
-    known = [loss for loss in last_losses if loss is not None]
-    return median(known) if known else math.inf
+
+    def __init__(self, by_photo: list[float | None]):
+        self.by_photo = by_photo
+        self._ascending = sorted(loss for loss in by_photo if loss is not None)
+
+    def replace(self, index: int, loss: float) -> None:
+        """Let a photo have this loss, also in `by_photo`."""
+        if (before := self.by_photo[index]) is not None:
+            del self._ascending[bisect_left(self._ascending, before)]
+        insort(self._ascending, loss)
+        self.by_photo[index] = loss
+
+    @property
+    def usual(self) -> float:
+        """The median; infinity if none is known."""
+        middle, is_odd = divmod(len(self._ascending), 2)
+        if not self._ascending:
+            return math.inf
+        return self._ascending[middle] if is_odd else (self._ascending[middle - 1] + self._ascending[middle]) / 2
 
 
 def largest_loss(usual: float) -> float:
-    """The largest picture loss of a valid step. usual: see `usual_loss`."""
+    """The largest picture loss of a valid step. usual: see `LastLosses`."""
     return max(SPIKE * usual, LEAST_SPIKE)
 
 

@@ -114,6 +114,7 @@ class Trainer:
             settings, collection.points, self.photos, self.model, self.rasterizer, self.generator, report
         )
         self.state = RunState.at_start(len(self.photos))
+        self.last_losses = guards.LastLosses(self.state.last_losses)
         self.ahead: Draw | None = None  # the next step, if it was prepared while a GPU computed the last one
 
     @classmethod
@@ -163,7 +164,7 @@ class Trainer:
 
     def _step(self) -> StepReport:
         state = self.state
-        usual = guards.usual_loss(state.last_losses)
+        usual = self.last_losses.usual
         draw, self.ahead = self.ahead or self._prepare(state.done), None
         moment = draw.step.moment
         try:
@@ -175,7 +176,7 @@ class Trainer:
         fault = guards.fault(facts, usual)
         if fault is None:
             state.skipped_in_a_row = 0
-            state.last_losses[moment.index] = facts.picture_loss
+            self.last_losses.replace(moment.index, facts.picture_loss)
             self.model.remember(reading.embedding, moment.index)
             messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, moment.progress)
         else:
@@ -306,4 +307,4 @@ class Trainer:
         if self.optimizer is not None:
             checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
-        self.state = state
+        self.state, self.last_losses = state, guards.LastLosses(state.last_losses)

@@ -141,7 +141,7 @@ def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, bu
     gauge=st.sampled_from([0.0, 1e3, *POISON]),
 )
 def test_no_loss_within_the_range_of_photos_is_a_spike(known, loss, gauge):
-    usual, tensor = guards.usual_loss(known), torch.tensor(loss)
+    usual, tensor = guards.LastLosses(known).usual, torch.tensor(loss)
     sound = bool(guards.sound(tensor + gauge, tensor, torch.tensor(guards.largest_loss(usual))))
     fault = guards.fault(guards.StepFacts(loss + gauge, loss, 0.0, 1.0, sound, True, True), usual)
     if not math.isfinite(loss + gauge):

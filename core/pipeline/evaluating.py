@@ -25,7 +25,9 @@ from core.run.run_config import check_same_run
 from core.system.atomic import adding
 from core.words import counted
 
-MOST_ROWS = 100  # of the sheet: 500 photos would take 2.6 GB, in a picture that few programs open
+# Of the sheet. With pictures of usual shapes it stays below 32,767 px, beyond which browsers show none;
+# 500 photos would take 2.6 GB.
+MOST_ROWS = 60
 
 
 def evaluate(

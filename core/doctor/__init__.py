@@ -25,8 +25,10 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     if not (path.is_file() or path.is_dir()):  # reading a pipe might never end
         what = f"{path} is neither a file nor a folder." if path.exists() else f"There is no file or folder {path}."
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
-    if path.is_file() and path.suffix.lower() != ".ply" and (run := run_folders.run_around(path)):
-        raise BadInput(f"{path} is a file in a run.", f"Give the folder of the run: {run}")
+    checked = path.suffix.lower() == ".ply" or run_folders.is_run(path)
+    if not checked and (run := run_folders.run_around(path)):
+        kind = "folder" if path.is_dir() else "file"
+        raise BadInput(f"{path} is a {kind} in a run.", f"Give the folder of the run: {run}")
     if path.is_file() and path.suffix.lower() in PACKED:
         raise BadInput(f"{path} is no .ply.", "Convert it to one, in SuperSplat say.")
     if run_folders.is_run(path):

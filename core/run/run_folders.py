@@ -78,9 +78,9 @@ def find_run(path: Path | None) -> Path:
     return path
 
 
-def run_around(file: Path) -> Path | None:
-    """The run that a file lies in, however deep; None if it lies in none."""
-    return next(filter(is_run, file.parents), None)
+def run_around(path: Path) -> Path | None:
+    """The run that a file or folder lies in, however deep; None if it lies in none."""
+    return next(filter(is_run, path.parents), None)
 
 
 def is_at_work(folder: Path) -> bool:

@@ -187,6 +187,13 @@ def test_given_a_file_of_a_run_the_doctor_asks_for_the_run(trained, name):
         examine(trained / name, Heard())
 
 
+@pytest.mark.parametrize("name", ["masks", "point_cloud"])
+def test_given_a_folder_of_a_run_the_doctor_asks_for_the_run(trained, name):
+    assert (trained / name).is_dir()
+    with pytest.raises(BadInput, match=f"{name} is a folder in a run. Give the folder of the run: {trained}$"):
+        examine(trained / name, Heard())  # masks are no photos to train on
+
+
 @pytest.mark.parametrize(("advice", "code", "mark"), [("", 0, "ok"), ("Copy it again.", 1, "!!")])
 def test_the_command_prints_findings_and_exits_with_1_if_anything_needs_doing(monkeypatch, trained, advice, code, mark):
     monkeypatch.setattr("core.doctor.examine_run", lambda *_: [Finding("steps", "30 of 30", "complete", advice)])

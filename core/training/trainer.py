@@ -15,7 +15,7 @@ from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
 from core.errors import BadInput, TrainingStopped
-from core.report import QUIET, Report
+from core.report import QUIET, Report, Told
 from core.run import checkpoint, history, run_folders
 from core.run.background import background_of_figures
 from core.run.run_state import RunState
@@ -29,6 +29,7 @@ from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
 from core.training.losses import mask_weights
 from core.training.losses.objective import Objective
+from core.training.progress import within_step
 from core.training.sized_photos import SizedPhotos
 from core.training.step import PreparedStep, Stepper
 
@@ -104,7 +105,8 @@ class Trainer:
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
         # On the CPU, whatever the device: rounding decides the signs of principal components.
         if self.model.encoder is not None:
-            self.model.encoder.start_apart(sized.encoder_input.cpu() for sized in self.photos)
+            told: Told = lambda done, total: report.progress("First looks", done, total)
+            self.model.encoder.start_apart(picture.cpu() for picture in self._encoder_inputs(told))
         self.model.to(self.device)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
@@ -123,6 +125,12 @@ class Trainer:
         trainer = cls(collection, settings, folder, report)
         run_folders.create(folder, collection, trainer.settings, trainer.decisions)
         return trainer
+
+    def _encoder_inputs(self, told: Told) -> Iterator[Tensor]:
+        """What the encoder sees of each photo; thousands of them take some ten seconds."""
+        for number, sized in enumerate(self.photos, 1):
+            yield sized.encoder_input
+            told(number, len(self.photos))
 
     def _stepper(self) -> Stepper:
         given = self.settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator
@@ -282,9 +290,8 @@ class Trainer:
         if self.optimizer is not None:
             parts["optimizer"] = checkpoint.optimizer_tensors(self.optimizer)
         if self.state.done == self.settings.steps and len(self.model.met_embeddings):
-            parts["encoded"] = dict(
-                zip(("masked", "unmasked"), self.model.encoded(sized.encoder_input for sized in self.photos))
-            )
+            told = within_step(self.state.done - 1, "looks", self.settings, self.report)
+            parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(self._encoder_inputs(told))))
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
         photos = [sized.photo.name for sized in self.photos]
         facts = {"sky": self.gaussians.sky, "photos": photos, **self.state.facts()}

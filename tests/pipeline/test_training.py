@@ -32,7 +32,7 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
     ):
         assert words in said
     assert list(dict.fromkeys(done for done, total in heard.steps if total == STEPS)) == list(range(1, STEPS + 1))
-    assert {"Photos", "Masks"} <= heard.finished
+    assert {"Photos", "First looks", "Masks"} <= heard.finished
     names = {path.name for path in folder.iterdir()}
     assert {"cfg_args", "cameras.json", "input.ply", "point_cloud", "config.json", "history.csv", "masks"} <= names
     neutral = read_ply(folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply")

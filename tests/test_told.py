@@ -4,10 +4,13 @@ only what is true, in words that a newcomer knows."""
 from dataclasses import replace
 
 import pytest
+import torch
 
 from core import pipeline
+from core.automatic import budget
 from core.data import load_collection
 from core.pipeline.opened import ONE_LOOK
+from core.system import device
 from core.training.tell import tell_collection, tell_plan
 from core.training.trainer import Trainer
 from tests.data.small_scene import SmallScene
@@ -62,6 +65,26 @@ def test_the_user_is_told_how_many_points_do_not_fit(tmp_path):
         tell_plan(trainer, heard)
         assert [line for line in heard.lines if "starts from" in line] == lines
         assert len(trainer.gaussians.splats) - trainer.gaussians.sky == min(points, most // 2)
+
+
+def test_the_user_is_told_how_to_shorten_a_training_that_takes_a_cpu_hours(tmp_path, monkeypatch):
+    collection = small_collection(tmp_path)
+    line = (
+        "That takes a CPU many hours; a quarter of both costs little quality: --steps 45937 --max-gaussians 305156 "
+        "(for a first look: --preset quick)"
+    )
+    for photos, lines in ((592, []), (2625, [line])):
+        settings = small_settings(**budget(photos, 320 * 240 * photos))
+        heard, trainer = Heard(), Trainer(collection, settings, tmp_path)
+        tell_plan(trainer, heard)
+        assert [line for line in heard.lines if "hours" in line] == lines
+        heard, trainer.state.done = Heard(), 1  # resumed, with its own settings
+        tell_plan(trainer, heard)
+        assert not any("hours" in line for line in heard.lines)
+        heard, trainer.state.done, trainer.device = Heard(), 0, torch.device("cuda")
+        monkeypatch.setattr(device, "named", lambda _: "a GPU")
+        tell_plan(trainer, heard)
+        assert not any("hours" in line for line in heard.lines)
 
 
 def test_after_baking_the_user_is_told_how_to_view_the_look(trained, tmp_path):

@@ -13,6 +13,12 @@ from core.training.progress import tell_progress
 from core.training.trainer import StepReport, Trainer
 from core.words import counted
 
+# Steps times Gaussians from which on a CPU needs hours; those of 592 photos, 41,440 and 275,280, took two cores 48
+# minutes at 320x240.
+LONG = 2e10
+# Divides both, if it is to take less time: 592 photos lost 0.1 dB of zero-shot looks and 0.5 of refined ones (README).
+SHORTENED = 4
+
 
 def tell_collection(collection: Collection, report: Report) -> None:
     """What was found, and what of it is not used."""
@@ -37,6 +43,13 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
         f"Training {counted(settings.steps, 'step')}{on_gpu} at {spread} px, "
         f"at most {counted(settings.max_gaussians, 'Gaussian')}"
     )
+    is_new = not trainer.state.done  # a resumed one keeps its settings
+    if is_new and trainer.device.type == "cpu" and settings.steps * settings.max_gaussians > LONG:
+        shorter = f"--steps {settings.steps // SHORTENED} --max-gaussians {settings.max_gaussians // SHORTENED}"
+        report.say(
+            f"That takes a CPU many hours; a quarter of both costs little quality: {shorter} "
+            "(for a first look: --preset quick)"
+        )
     points = len(trainer.collection.points)
     if points > (most := most_points(settings)):
         report.say(

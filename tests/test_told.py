@@ -70,7 +70,7 @@ def test_the_user_is_told_how_many_points_do_not_fit(tmp_path):
 def test_the_user_is_told_how_to_shorten_a_training_that_takes_a_cpu_hours(tmp_path, monkeypatch):
     collection = small_collection(tmp_path)
     line = (
-        "That takes a CPU many hours; a quarter of both costs little quality: --steps 45937 --max-gaussians 305156 "
+        "That takes a CPU hours; a quarter of both costs little quality: --steps 45937 --max-gaussians 305156 "
         "(for a first look: --preset quick)"
     )
     for photos, lines in ((592, []), (2625, [line])):

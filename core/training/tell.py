@@ -47,7 +47,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
     if is_new and trainer.device.type == "cpu" and settings.steps * settings.max_gaussians > LONG:
         shorter = f"--steps {settings.steps // SHORTENED} --max-gaussians {settings.max_gaussians // SHORTENED}"
         report.say(
-            f"That takes a CPU many hours; a quarter of both costs little quality: {shorter} "
+            f"That takes a CPU hours; a quarter of both costs little quality: {shorter} "
             "(for a first look: --preset quick)"
         )
     points = len(trainer.collection.points)

@@ -19,6 +19,7 @@ from core.words import Note, Reasons, counted
 
 TRIED = 3  # masks that are read at the start, to notice if photos were given in their place
 SHAPE_TOLERANCE = 0.05  # by which the aspect of a mask may differ from its picture's
+USED_WHOLE = ", used whole"  # what becomes of a photo whose mask is of no use, unless that is an error
 
 
 def check_masks(folder: Path, photos: Sequence[str]) -> None:
@@ -96,7 +97,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
     if not any(photo.mask for photo in found.split("train")):
         why = "; ".join(note.text for note in found.notes[len(collection.notes) :] if not note.harmless)
         raise BadInput(
-            f"No mask in {folder} can be used: {why.replace(', used whole', '')}.",
+            f"No mask in {folder} can be used: {why.replace(USED_WHOLE, '')}.",
             "Copy them again, or draw them on the whole photos, as displayed.",
         )
     _check_usable([photo.mask.path for photo in found.split("train") if photo.mask][:TRIED])
@@ -167,21 +168,21 @@ def _with_mask_if_usable(photo: Photo, mask: Path | None, taken_through: Lens | 
     """The photo with its mask, or without one if the mask cannot be used; what is odd about it goes into `said`."""
     whole = replace(photo, mask=None)
     if mask is None:
-        said.add("without a mask, used whole", photo.name)
+        said.add(f"without a mask{USED_WHOLE}", photo.name)
         return whole
     if not is_file(mask):
-        said.add("whose mask is missing, used whole", f"{photo.name} ({mask})")
+        said.add(f"whose mask is missing{USED_WHOLE}", f"{photo.name} ({mask})")
         return whole
     try:
         size = probe(mask).displayed
     except BadInput as problem:
-        said.add("with a damaged mask, used whole", named_with_fault(photo.name, mask, problem))
+        said.add(f"with a damaged mask{USED_WHOLE}", named_with_fault(photo.name, mask, problem))
         return whole
     found = with_mask(photo, mask, size, taken_through)
     wanted = size_for_mask(found)
     if not fits(size, wanted):
-        turned = "on its side, used whole (turn it as EXIF turns the photo)"
-        said.add(f"with a mask {turned if fits(size[::-1], wanted) else 'of another shape, used whole'}", photo.name)
+        turned, other = f"on its side{USED_WHOLE} (turn it as EXIF turns the photo)", f"of another shape{USED_WHOLE}"
+        said.add(f"with a mask {turned if fits(size[::-1], wanted) else other}", photo.name)
         return whole
     if size != wanted:
         said.add("with a mask of another size, which is resized", photo.name)

@@ -1,13 +1,12 @@
 """A trained run and its held-out photos -> figures: what `wegs eval` does."""
 
-import math
 import time
 from collections.abc import Iterable
 from contextlib import nullcontext
 from pathlib import Path
 from statistics import fmean
 
-from core.data.collection import Photo
+from core.data.collection import Photo, spread_over
 from core.data.made import EVALUATED, PICTURES
 from core.data.photos.names import is_file, png_paths
 from core.errors import BadInput
@@ -115,11 +114,11 @@ def _gathered(
     """The figures of each photo, at most MOST_ROWS rows of the sheet, of photos evenly spread, and the mean scale of
     the photos (1: as on disk). paths: of the pictures, by photo. work: where to write them, if at all."""
     views, rows, scales = [], [], []
-    photos_a_row = math.ceil(len(paths) / MOST_ROWS)
-    for number, (photo, (result, pictures)) in enumerate(measured):
+    on_sheet = set(spread_over(list(paths), MOST_ROWS))
+    for photo, (result, pictures) in measured:
         views.append(result)
         scales.append(result.width / photo.camera.width)
-        if number % photos_a_row == 0:
+        if photo.name in on_sheet:
             figures = (
                 f"{WAYS[look]} {score.psnr:.2f} dB" if pictures.look else f"{score.psnr:.2f} dB"
                 for look, score in result.scores["photo"].items()

@@ -1,6 +1,5 @@
 """Trains and measures a run once: finished figures are read from a file, and a run that was killed is resumed."""
 
-import hashlib
 import json
 import shutil
 from collections.abc import Sequence
@@ -9,6 +8,8 @@ from pathlib import Path
 from core import pipeline
 from core.config import Settings
 from core.data import find_kind
+from core.data.collection import Collection
+from core.data.made import digest
 from core.data.photos.names import is_file
 from core.data.split import TEST_LISTS
 from core.data.split_table import find_tables, read_split_table
@@ -45,7 +46,7 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
             shutil.rmtree(folder)  # of other or unknown settings
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, kept)
-    elif run_folders.is_run(folder) and (changed := _changed(folder, kept.get("photos", {}))):
+    elif run_folders.is_run(folder) and (changed := _changed(read_config(folder)[2], kept.get("photos", {}))):
         raise BadInput(
             f"Photos in {scene}, or their masks, are not those that {folder} was trained on: {list_names(changed)}.",
             f"Choose another -o, or delete {path} to train again.",
@@ -58,27 +59,25 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
             pipeline.resume(folder, report)
         (cloud,) = folder.glob(run_folders.CLOUDS)
         kept["bytes"] = cloud.stat().st_size
-        kept.setdefault("photos", _digests(folder))
+        kept.setdefault("photos", _digests(read_config(folder)[2]))
     for protocol in missing:
         kept["results"][protocol] = pipeline.evaluate(folder, protocol, report).to_json()
         write_json(path, kept)
     return kept
 
 
-def _changed(folder: Path, then: dict[str, str]) -> list[str]:
+def _changed(collection: Collection, then: dict[str, list[str]]) -> list[str]:
     """The names of photos that changed, they or their masks, since the run was trained. then: their digests."""
-    by_size = changed_files(read_config(folder)[2])  # all that is known of a run that was killed
-    return by_size or [name for name, digest in _digests(folder).items() if then.get(name, digest) != digest]
+    by_size = changed_files(collection)  # all that is known of a run that was killed
+    return by_size or [name for name, digests in _digests(collection).items() if then.get(name, digests) != digests]
 
 
-def _digests(folder: Path) -> dict[str, str]:
-    """Of the files of the run's photos, masks included, by the names of the photos; without those that are missing."""
-    found = {}
-    for photo in read_config(folder)[2].photos:
-        files = [photo.path] if photo.mask is None else [photo.path, photo.mask.path]
-        if all(map(is_file, files)):
-            found[photo.name] = hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
-    return found
+def _digests(collection: Collection) -> dict[str, list[str]]:
+    """Of the file of each photo and of its mask, by the photo's name; without photos of which one is missing."""
+    files = {
+        photo.name: [photo.path] if photo.mask is None else [photo.path, photo.mask.path] for photo in collection.photos
+    }
+    return {name: list(map(digest, paths)) for name, paths in files.items() if all(map(is_file, paths))}
 
 
 def is_missing(result: dict | None) -> bool:

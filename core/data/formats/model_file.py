@@ -109,7 +109,7 @@ def read_model(folder: Path) -> pycolmap.Reconstruction:
     except REFUSALS as problem:
         if suffix == ".txt" and (fault := fault_in(folder)):
             raise BadInput(f"{fault}.", "Correct it, copy the model again, or run COLMAP again.") from None
-        reason = str(problem).strip().splitlines()[0] if str(problem).strip() else type(problem).__name__
+        reason = str(problem).strip().partition("\n")[0]
         raise BadInput(f"{folder} is not a COLMAP model that can be read ({reason}).", fix) from None
 
 
@@ -162,8 +162,7 @@ def _read(folder: Path, suffix: str, points: Path | None) -> pycolmap.Reconstruc
                 _replace(file, _mended(file.read_bytes()))
             with suppress(*REFUSALS):
                 return pycolmap.Reconstruction(place)
-        if points is not None:
-            _replace(files[-1], _without_tracks(files[-1]))
+        _replace(files[-1], _without_tracks(files[-1]))
         return pycolmap.Reconstruction(place)
 
 

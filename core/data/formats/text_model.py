@@ -96,5 +96,5 @@ def _check_features(words: Sequence[str]) -> None:
 def _is_number(word: str, whole: bool) -> bool:
     try:
         return math.isfinite(int(word) if whole else float(word))
-    except ValueError:
+    except (ValueError, OverflowError):
         return False

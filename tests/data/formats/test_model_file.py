@@ -38,6 +38,15 @@ def test_numbers_that_no_binary_model_holds_are_refused(tmp_path, part, place, n
         load_collection(root)
 
 
+def test_a_binary_model_whose_photo_has_a_camera_that_is_nowhere_is_refused(tmp_path):
+    root = SmallScene().write(tmp_path / "scene")
+    path = root / "sparse" / "0" / "images.bin"
+    data, camera = path.read_bytes(), 8 + 4 + 7 * 8  # after the count of images, an id and a pose
+    path.write_bytes(data[:camera] + (77).to_bytes(4, "little") + data[camera + 4 :])
+    with pytest.raises(BadInput, match=r"sparse/0 is not a COLMAP model that can be read \(.*77.*\). Copy the model"):
+        load_collection(root)
+
+
 @pytest.mark.parametrize("part", ["cameras", "images", "points3D"])
 def test_damaged_text_models_are_refused(tmp_path, part):
     scene = SmallScene()
@@ -56,6 +65,7 @@ def test_damaged_text_models_are_refused(tmp_path, part):
         ("cameras", " 63", " 63 0", "line 4: 5 parameters, not the 4 of a PINHOLE camera"),
         ("cameras", " 150 ", " 150,5 ", "line 4: parameter 1 is '150,5', not a number"),
         ("cameras", " 160", " 160.5", "line 4: WIDTH is '160.5', not a whole number"),
+        ("cameras", " 160", " " + "9" * 400, f"line 4: WIDTH is '{'9' * 400}', not a whole number"),
         ("images", " 1 photo_1.png", " 59 photo_1.png", "line 7: its camera, 59, is not in cameras.txt"),
         ("images", "2 0.99", "2 nan 0.99", "line 7: QW is 'nan', not a number"),
         ("images", "3 0.99", "2 0.99", "line 9: IMAGE_ID 2 was there before"),

@@ -108,7 +108,7 @@ def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], 
     said = {photo.name: photo.split for photo in posed.photos if photo.split}
     if not said:
         return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})
-    splits = {name: said[name] for name in names if name in said}
+    splits = {name: said[name] for name in names}
     why = f"{posed.source.name} holds out no photo"
     if "test" in said.values():
         why = "No photo that is held out can be used"

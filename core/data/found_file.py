@@ -21,8 +21,6 @@ def with_files_found(photos: Sequence[PosedPhoto], folders: Iterable[Path]) -> t
     folders: searched after the photo's own folder, first in the subfolder that the photo's name has.
     """
     missing = [photo for photo in photos if not is_file(photo.path)]
-    if not missing:
-        return list(photos), []
     there = {photo.path for photo in photos} - {photo.path for photo in missing}
     folders = tuple(folders)
     places = {

@@ -260,7 +260,7 @@ class _Lens:
         elif k3:
             model, terms = "FULL_OPENCV", [k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
         else:
-            model, terms = ("OPENCV", [k1, k2, p1, p2]) if any((k1, k2, p1, p2)) else ("PINHOLE", [])
+            model, terms = "OPENCV", [k1, k2, p1, p2]
         return pycolmap.Camera(model=model, width=width, height=height, params=focal + centre + terms)
 
 

@@ -209,6 +209,7 @@ def turned(by):
         (spoil("w", 300), "of another shape than the camera says, not used: photo_1.png .160x120, camera 300x120."),
         (spoil("k4", 0.1), "a k4, which only OPENCV_FISHEYE lenses have"),
         (lambda frame: (frame.pop("fl_x"), frame.pop("fl_y")), "without fl_x or camera_angle_x, not used"),
+        (lambda frame: (frame.pop("fl_x"), frame.update(fl_y=None, camera_angle_x=0)), "camera or pose that is broken"),
     ],
 )  # fmt: skip
 def test_frames_that_are_wrong_are_named_and_the_others_used(scene, fault, words):
@@ -278,7 +279,9 @@ def test_a_folder_in_place_of_the_file_is_refused(scene):
 # --- points and masks
 
 
-def test_points_that_are_missing_or_in_another_frame_are_reported(scene):
+def test_points_that_are_missing_or_in_another_frame_are_reported(scene, tmp_path):
+    far = SmallScene(offset=np.array([900.0, 0.0, 0.0])).write(tmp_path / "far")
+    assert not notes_with(load_collection(write_nerfstudio(far, tmp_path / "far-scene")), "of the points of")
     turn = np.diag([1, -1, -1, 1])  # of the world: all points lie behind the cameras then
 
     def turn_cameras(facts):

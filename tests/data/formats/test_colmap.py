@@ -37,9 +37,8 @@ def test_every_layout_is_read(tmp_path, images, sparse, scale):
     assert (collection.name, collection.kind) == ("church", "colmap")
     assert collection.photos[0].camera.width == round(WIDTH * scale)
     assert collection.photos[0].camera.height == round(HEIGHT * scale)
-    assert bool(
-        notes_with(collection, f"are used: there is no {(tmp_path / 'church' / images).parent / 'images'}")
-    ) == (scale < 1)
+    fuller = (tmp_path / "church" / images).parent / "images"
+    assert bool(notes_with(collection, f"are used: there is no {fuller}")) == (scale < 1)
 
 
 @pytest.mark.parametrize("base", [".", "dense"])
@@ -200,12 +199,16 @@ def test_cameras_far_from_all_others_are_reported_and_used(tmp_path):
     assert len(collection.photos) == 4
 
 
-def test_missing_photos_are_named_and_the_others_used(tmp_path):
-    root = SmallScene().write(tmp_path / "scene")
-    (root / "images" / "photo_2.png").unlink()
+@pytest.mark.parametrize("images", ["images", "images_2", "input"])
+def test_missing_photos_are_named_and_the_others_used_even_if_few(tmp_path, images):
+    root = SmallScene().write(tmp_path / "scene", images)
+    (root / images / "photo_2.png").unlink()
     collection = load_collection(root)
     assert [photo.name for photo in collection.photos] == ["photo_0.png", "photo_1.png", "photo_3.png"]
     assert notes_with(collection, "1 photo of the model missing in ")[0].endswith(": photo_2.png")
+    for number in (0, 1):
+        (root / images / f"photo_{number}.png").unlink()
+    assert [photo.path for photo in load_collection(root).photos] == [root / images / "photo_3.png"]
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png"])
@@ -284,9 +287,8 @@ def test_a_model_without_points_keeps_its_poses(tmp_path, suffix, has_file):
         pixels, _ = photo.camera.in_world(collection.frame).project(whole.points)
         assert np.abs(pixels - whole.seen(index)).max() < 1e-6
     assert notes_with(collection, "No points are given with the cameras")
-    assert (
-        bool(notes_with(collection, "lacks the points that its photos see: copy it again if you have them")) != has_file
-    )
+    lacking = "lacks the points that its photos see: copy it again if you have them"
+    assert bool(notes_with(collection, lacking)) != has_file
 
 
 def test_a_photo_that_sees_no_point_stays(tmp_path):
@@ -330,9 +332,8 @@ def test_a_model_without_any_of_its_photos_is_refused(tmp_path):
     root = SmallScene().write(tmp_path / "scene")
     for path in (root / "images").iterdir():
         path.unlink()
-    with pytest.raises(
-        BadInput, match="No photo of .*4 photos of the model missing .*photo_0.png.* Put the photos into"
-    ):
+    words = "No photo of .*4 photos of the model missing .*photo_0.png.* Put the photos into"
+    with pytest.raises(BadInput, match=words):
         load_collection(root)
 
 

@@ -124,8 +124,8 @@ def _check_not_shared(masks: dict[str, Path]) -> None:
 def with_mask(photo: Photo, mask: Path, size: tuple[int, int], taken_through: Lens | None) -> Photo:
     """The photo with its mask, which has this `size`. taken_through: the original's lens, if the photo's file is an
     undistorted copy; the mask is then taken to be drawn on the original, unless it has the size of the copy."""
-    of_copy = replace(photo, mask=GivenMask(mask))
-    return of_copy if size == size_for_mask(of_copy) else replace(photo, mask=GivenMask(mask, taken_through))
+    of_copy = size == (photo.camera.width, photo.camera.height)
+    return replace(photo, mask=GivenMask(mask, None if of_copy else taken_through))
 
 
 def size_for_mask(photo: Photo) -> tuple[int, int]:

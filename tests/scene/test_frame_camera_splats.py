@@ -111,7 +111,8 @@ def test_shows_what_lies_before_the_camera_and_inside_its_picture():
     shown, depths = CAMERA.shows(local @ CAMERA.world_to_camera + CAMERA.centre)
     assert shown.tolist() == [True, False, False, False, False, False]
     np.testing.assert_allclose(depths, local[:, 2], rtol=0, atol=1e-12)
-    within = np.array([[0, 1.0, 2], [1.2, 0, 2], [0, -0.95, 2], [-1.3, 0, 2]])  # by at most 10 px
+    # By at most 10 px, the last one near the camera.
+    within = np.array([[0, 1.0, 2], [1.2, 0, 2], [0, -0.95, 2], [-1.3, 0, 2], [0.012, 0, 0.02]])
     assert CAMERA.shows(within @ CAMERA.world_to_camera + CAMERA.centre)[0].all()
 
 
@@ -144,6 +145,7 @@ def test_camera_and_points_in_the_scene_show_the_same_picture():
     in_world, depths = view.project(world)
     in_scene, scene_depths = view.in_scene(FRAME).project(FRAME.to_scene(world))
     np.testing.assert_allclose(in_scene, in_world, atol=PIXEL)
+    np.testing.assert_allclose(in_scene, CAMERA.project(points())[0], atol=PIXEL)
     np.testing.assert_allclose(scene_depths * FRAME.radius, depths, atol=1e-7)
 
 

@@ -39,6 +39,7 @@ def test_a_camera_that_turned_is_another_one_whatever_the_unit_of_the_world(tmp_
     moved = replace(first, camera=replace(first.camera, centre=first.camera.centre + 1e-8))
     assert not replace(before, photos=(turned, *rest)).in_world_of(before)
     assert replace(before, photos=(moved, *rest)).in_world_of(before)
+    assert not replace(before, photos=(replace(first, name="another.png"),)).in_world_of(before)
 
 
 def rotation_about_y(angle):
@@ -65,7 +66,7 @@ def test_as_many_as_are_wanted_are_taken_from_the_first_to_the_last():
 
 def test_a_photo_is_called_by_its_name_or_what_of_it_is_clear(tmp_path):
     photos = small_collection(tmp_path).photos
-    names = ("a/1.jpg", "b/1.jpg", "b/2.png.jpg", "2019.05.jpg")
+    names = ("a/1.jpg", "b/1.jpg", "b/2.png.jpg", "2019.05.jpg", "3.jpg", "3.jpg.png")
     collection = replace(
         small_collection(tmp_path),
         photos=tuple(replace(photo, name=name) for photo, name in zip(photos, names, strict=False)),
@@ -78,7 +79,8 @@ def test_a_photo_is_called_by_its_name_or_what_of_it_is_clear(tmp_path):
     assert [called(word) for word in ("a/1.jpg", "a/1", "b/2.png", "b/2", "2", "2.png.jpg", "2019.05")] == [
         "a/1.jpg"
     ] * 2 + ["b/2.png.jpg"] * 4 + ["2019.05.jpg"]
-    assert [called(word) for word in ("1", "1.jpg", "2019", "c/2")] == [None] * 4
+    assert [called(word) for word in ("1", "1.jpg", "2019", "c/2", "3")] == [None] * 5
+    assert called("3.jpg") == "3.jpg"
 
 
 def test_a_photo_that_macos_named_is_called_as_one_types(tmp_path):

@@ -72,14 +72,14 @@ def test_ctrl_c_saves_the_step_and_the_run_is_resumed_as_if_nothing_had_happened
 def test_no_checkpoint_stays_in_memory_while_a_resumed_run_is_trained(small_scene, tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         pipeline.train(small_scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5))
-    alive = []
-    monkeypatch.setattr(
-        training,
-        "_train",
-        lambda *_: alive.extend(one for one in gc.get_objects() if type(one) is checkpoint.Checkpoint),
-    )
+
+    def alive() -> dict[int, checkpoint.Checkpoint]:
+        return {id(one): one for one in gc.get_objects() if type(one) is checkpoint.Checkpoint}
+
+    before, new = alive(), []  # before: what the errors of other tests hold on to
+    monkeypatch.setattr(training, "_train", lambda *_: new.extend(alive().keys() - before))
     pipeline.resume(tmp_path / "run")
-    assert alive == []
+    assert new == []
 
 
 def test_a_run_killed_while_it_was_created_can_be_resumed(small_scene, tmp_path, monkeypatch):

@@ -108,6 +108,20 @@ def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, c
     assert files(project / "run") == expected(project)
 
 
+def test_photos_outside_a_scene_are_found_once_the_scene_alone_was_moved(tmp_path, collection):
+    for name in ("place", "pool", "far"):
+        (tmp_path / name).mkdir()
+    photos = tuple(replace(photo, path=tmp_path / "pool" / photo.name) for photo in collection.photos)
+    for photo in photos:
+        photo.path.touch()
+    run_folders.create(tmp_path / "run", replace(collection, root=tmp_path / "place", photos=photos), small_settings())
+    config = tmp_path / "run" / "config.json"
+    facts = json.loads(config.read_text())
+    facts["scene"]["path"] = str((tmp_path / "place").rename(tmp_path / "far" / "place"))  # as `scene_gone` says
+    config.write_text(json.dumps(facts))
+    assert [photo.path for photo in run_config.read_config(tmp_path / "run")[2].photos] == [p.path for p in photos]
+
+
 def test_a_folder_without_the_photos_is_not_the_scene_of_a_run_that_was_made_in_its_scene(tmp_path, collection):
     scene = tmp_path / "place"
     scene.mkdir()
@@ -170,6 +184,7 @@ def changed(camera=(), lens=()):
         (changed(camera={"cy": float("nan")}), "as a picture of"),
         (changed(camera={"fx": -1}), "as a picture of"),
         (changed(camera={"width": 10**9}), "as a picture of"),
+        (changed(camera={"width": 4.5}), "as a picture of"),
         (changed(camera={"centre": [0, float("nan"), 0]}), "from .0.0, nan, 0.0."),
         (changed(camera={"world_to_camera": np.zeros((3, 3)).tolist()}), "from .* turned by"),
         (changed(camera={"world_to_camera": (-np.eye(3)).tolist()}), "from .* turned by"),

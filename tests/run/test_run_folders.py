@@ -118,6 +118,8 @@ def test_a_run_whose_config_was_garbled_can_still_be_replaced(here, text):
     Path("old/config.json").write_text(text)
     Path("old/checkpoint_000100.safetensors").write_text("")
     assert run_folders.choose_folder(Path("old"), "plaza", force=True) == Path("old")
+    Path("old/config.json").write_text('{"learning_rate": 1}')  # whole, so of another program, as the checkpoint
+    assert not run_folders.is_run(Path("old"))
 
 
 @pytest.mark.parametrize("text", ["", '{"wegs": "0.1.0", "photos": ['])
@@ -139,7 +141,7 @@ def test_a_config_that_may_not_be_read_is_named(here, monkeypatch):
 
 
 def test_a_run_that_cannot_be_begun_leaves_nothing(tmp_path, collection, monkeypatch):
-    monkeypatch.setattr(run_folders, "write_config", failing(BadInput("The disk is full.")))
+    monkeypatch.setattr("core.run.viewer_files.write", failing(BadInput("The disk is full.")))  # after config.json
     thesis = tmp_path / "there" / "thesis.txt"
     thesis.parent.mkdir()
     thesis.write_text("years")
@@ -204,3 +206,6 @@ def test_a_file_in_place_of_the_point_cloud_folder_is_refused(tmp_path):
         match="iteration_7 cannot be made: a file is in the way. Move what is there away, then type: wegs train --resume",
     ):
         run_folders.point_cloud_path(tmp_path, 7)
+    (tmp_path / "point_cloud").unlink()
+    for _ in range(2):  # a kill may have left the folder without the file
+        assert run_folders.point_cloud_path(tmp_path, 7).parent.is_dir()

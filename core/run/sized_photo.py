@@ -46,7 +46,7 @@ class Sizes:
     def of(settings: Settings, photos: Sequence[Photo]) -> "Sizes":
         """Of all photos of a collection:
         at -r auto the mean one gets the AUTO_PIXELS of the device, and none is enlarged."""
-        mean = sum(photo.camera.width * photo.camera.height for photo in photos) / max(len(photos), 1)
+        mean = sum(photo.camera.width * photo.camera.height for photo in photos) / len(photos)
         most = AUTO_PIXELS["cuda" if settings.device == "cuda" else "cpu"]
         return Sizes(settings.resolution, max(1.0, math.sqrt(mean / most)), settings.encoder_side_px)
 

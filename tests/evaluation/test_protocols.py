@@ -88,7 +88,9 @@ def test_refinement_sees_the_left_half_only_and_mends_the_embedding():
     subject = Flat(error=0.3)
     result, pictures = measure(subject, view(picture=halves(0.4, 0.4)), "half")
     assert pictures.look == "refined"
-    assert [camera.width for camera in subject.cameras] == [13, WIDTH]
+    assert [(camera.width, camera.cx, camera.cy) for camera in subject.cameras] == [
+        (width, CAMERA.cx, CAMERA.cy) for width in (13, WIDTH)
+    ]
     photo = result.scores["photo"]
     assert photo["zero_shot"].psnr < 12
     # L1 on a flat colour leaves Adam swinging around it by less than its rate; the best step of 128 is within 0.02.

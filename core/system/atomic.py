@@ -89,13 +89,13 @@ def _not_made(folder: Path, problem: OSError) -> BadInput:
 
 @contextmanager
 def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
-    """As `made`, for a folder that the user chose:
-    BadInput if it cannot be made, and FileExistsError only if it exists though it must not."""
+    """As `made`, for a folder that the user chose: BadInput if it cannot be made,
+    but FileExistsError if something is there though nothing may be."""
     with ExitStack() as stack:
         try:
             stack.enter_context(made(folder, may_exist))
         except OSError as problem:
-            if not may_exist and isinstance(problem, FileExistsError) and Path(problem.filename) == folder:
+            if not may_exist and isinstance(problem, FileExistsError):
                 raise
             raise _not_made(folder, problem) from None
         yield

@@ -61,7 +61,7 @@ def test_a_file_that_was_made_meanwhile_is_not_replaced(trained, tmp_path, monke
     assert (tmp_path / "a.ply").read_text() == "theirs"
 
 
-def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
+def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path, monkeypatch):
     folder = trained[0]
     data = {}
     for name, word, save_as in (("a", "photo_0.png", "noon"), ("b", "noon", None), ("c", "photo_4.png", None)):
@@ -73,6 +73,9 @@ def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path):
         find_look(live, "Noo")
     by_path = find_look(live, str(folder / "appearance" / "noon.json"))
     assert by_path.source == "saved look noon (of training photo photo_0.png, refined)"
+    monkeypatch.chdir(tmp_path)
+    shutil.copyfile(folder / "appearance" / "noon.json", "copy.json")
+    assert [find_look(live, word).name for word in ("copy.json", "noon.json")] == ["copy", "noon"]  # here; in the run
     for elsewhere, words in (
         ("gone/noon", "is neither a photo file"),
         ("gone/noon.json", "no saved look gone/noon.json"),

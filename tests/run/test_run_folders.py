@@ -193,7 +193,10 @@ def test_replacing_a_run_deletes_what_runs_write_and_nothing_else(tmp_path, coll
         COPY,
     ):
         (folder / name).write_text("old")
+    (folder / "pictures").symlink_to(tmp_path / "other disk")
+    (tmp_path / "other disk").mkdir()
     run_folders.create(folder, collection, small_settings())
+    assert (tmp_path / "other disk").is_dir()
     assert sorted(path.name for path in folder.iterdir()) == [
         "cameras.json", "cfg_args", COPY, "config.json", "dusk.ply", "input.ply",
     ]  # fmt: skip

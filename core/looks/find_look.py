@@ -180,9 +180,7 @@ def _sized(trained: TrainedRun, photo: Photo, mask: Path | None, report: Report)
     try:
         return trained.sized_photo(photo)
     except BadInput as problem:
-        if photo.mask is None:
-            raise
-        whole = trained.sized_photo(replace(photo, mask=None))
+        whole = trained.sized_photo(replace(photo, mask=None))  # raises the same where that was not the mask's fault
         report.warn(f"{problem.what} {photo.name} is read without its mask.")
         return whole
 

@@ -118,6 +118,10 @@ def test_colours_under_a_mask_do_not_enter_a_look(trained, tmp_path):
     table = replace(trained, settings=trained.settings.changed(embedding="glo"))
     with pytest.raises(BadInput, match=f"{photo.name} is not read from a photo"):
         find_look(table, photo.name, tmp_path / "mask.png")
+    cv2.imwrite(str(tmp_path / "turned.png"), np.full((WIDTH, HEIGHT), 255, np.uint8))
+    for word in (str(tmp_path / "crowd.png"), photo.name):
+        with pytest.raises(BadInput, match="turned.png is .*: of another shape"):
+            find_look(trained, word, tmp_path / "turned.png")
 
 
 def test_a_mask_that_is_no_file_is_neither_read_nor_waited_for(trained, tmp_path):

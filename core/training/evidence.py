@@ -84,7 +84,7 @@ def fit_exposures(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
         weight = _huber(sightings.colour - gain * base[sightings.point] - offset)
         above = _sums(sightings.point, weight * gain * (sightings.colour - offset))
         below = _sums(sightings.point, weight * gain**2)
-        base = np.where(below > 0, above / np.maximum(below, 1e-9), base)
+        base = above / np.maximum(below, 1e-9)
     return base, exposures_of(sightings.photo, base[sightings.point], sightings.colour)
 
 

@@ -90,7 +90,6 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
     if surroundings is not None:
         bad |= surroundings.outside(splats.means)
     bad |= ~splats.finite_rows()
-    bad[gaussians.solid :] = False
     gaussians.keep(~bad)
 
 

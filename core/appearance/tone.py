@@ -52,7 +52,7 @@ def taken_off(
     """The photo without the tone, in [0, 1]: every row divided by the gain of what place and sky add up to there."""
     with_tone, without = ((shares * gain).sum(dim=0) + DIM for gain in (tone[:, None], 1.0))
     rows = F.interpolate((with_tone / without).T[None], size=picture.shape[1], mode="linear", align_corners=False)[0]
-    return (picture / rows[..., None].clamp_min(LEAST_GAIN)).clamp(max=1.0)
+    return (picture / rows[..., None]).clamp(max=1.0)
 
 
 def toned(splats: Splats, tone: Float[Tensor, "2 3"], sky: int) -> Splats:

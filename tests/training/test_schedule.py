@@ -8,8 +8,12 @@ from tests.small import whole_settings
 
 
 def test_schedules_are_fractions_of_the_steps():
-    short, long = whole_settings(steps=100), whole_settings(steps=100_000)
-    assert schedule.densification_steps(long)[-1] == 1000 * schedule.densification_steps(short)[-1]
+    short = whole_settings(steps=100)
+    for rounds, shares in ((3, (0.1, 0.4, 0.7)), (1, (0.1,)), (0, ())):
+        growth = {"densify_from": 0.1, "densify_until": 0.7, "densify_rounds": rounds}
+        for steps in (10, 100_000):
+            expected = [round(share * steps) for share in shares]
+            assert schedule.densification_steps(whole_settings(steps=steps, **growth)) == expected
     assert [
         schedule.shrink_factor(short, progress) for progress in (0.0, short.coarse_until / 2, short.coarse_until)
     ] == [4, 2, 1]

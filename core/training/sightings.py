@@ -80,14 +80,13 @@ def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
         there = apart.any(axis=1)
         first.append(rows[there])
         second.append(rows[nearest[np.arange(len(rows)), apart.argmax(axis=1)][there]])
-    nothing = [np.zeros(0, dtype=np.int64)]
-    return np.concatenate(first or nothing), np.concatenate(second or nothing)
+    return np.concatenate(first), np.concatenate(second)
 
 
 def rows_of_each(numbers: np.ndarray) -> list[np.ndarray]:
     """The rows that share a number (photo, point), for each number that occurs."""
     order = np.argsort(numbers, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
+    return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1)
 
 
 def _matches(count: int, photos: Sequence[SizedPhoto]) -> tuple[np.ndarray, np.ndarray]:

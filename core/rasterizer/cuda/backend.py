@@ -256,7 +256,7 @@ def draw(
     tiles = len(lists.tile_starts) - 1
     image = torch.empty(height, width, 3, device=device)
     parts = MOST_PARTS if strongest is None and MOST_PARTS * tiles <= PROGRAMS else 1
-    sections = max(1, min(MOST_SECTIONS, PROGRAMS // max(tiles, 1))) if differentiable else 1
+    sections = max(1, min(MOST_SECTIONS, PROGRAMS // tiles)) if differentiable else 1
     part_ends = torch.empty(tiles, parts, dtype=torch.int64, device=device)
     notes = torch.empty(tiles, sections, 4, layout.TILE**2, device=device) if sections > 1 else None
     blend_forward.blend_forward[(part_ends.numel(),)](

@@ -37,7 +37,7 @@ class Gaussians:
         """Fresh moments and statistics around these parameters."""
         rows = len(parameters["means"])
         return Gaussians(
-            parameters={name: tensor.contiguous() for name, tensor in parameters.items()},
+            parameters=parameters,
             first={name: torch.zeros_like(tensor) for name, tensor in parameters.items()},
             second={name: torch.zeros_like(tensor) for name, tensor in parameters.items()},
             counts=torch.zeros(rows, dtype=torch.int32),

@@ -84,7 +84,7 @@ def _isotropic(means: np.ndarray, scales: np.ndarray, colours: np.ndarray, opaci
     quaternions = torch.zeros(rows, 4)
     quaternions[:, 0] = 1
     return Splats(
-        means=torch.from_numpy(np.asarray(means, dtype=np.float32)).contiguous(),
+        means=torch.from_numpy(means.astype(np.float32)),
         quaternions=quaternions,
         log_scales=torch.from_numpy(np.log(scales).astype(np.float32))[:, None].repeat(1, 3),
         logit_opacities=torch.logit(torch.full((rows,), opacity)),

@@ -61,7 +61,7 @@ def test_passers_by_count_less_and_another_light_counts_in_full():
     picture, stranger = other_light.clone(), slice(4 * CELL_PX, 7 * CELL_PX)
     picture[stranger, stranger] = torch.tensor([0.1, 0.1, 0.5])
     weight = without_strangers(FlatView((side, side)), begin, shown(picture)).weight
-    assert weight[stranger, stranger].mean() < 0.05
+    assert weight.min() >= 0 and weight[stranger, stranger].mean() < 0.05
     weight[3 * CELL_PX : 8 * CELL_PX, 3 * CELL_PX : 8 * CELL_PX] = 1  # and the cells around, as errors are smoothed
     assert (weight == 1).all()
 
@@ -123,6 +123,14 @@ def test_weights_that_embeddings_give_can_go_beyond_what_any_embedding_gives():
     found, colour = refined(PICTURE, begin, given_spread=apart)
     assert (colour - 0.4).abs().max() < 0.01 and torch.equal(found.embedding, begin)
     assert (found.changes["last.bias"][:2] < -0.05).all() and found.changes["last.bias"][2].abs() < 1e-5
+
+
+def test_weights_that_embeddings_give_learn_on_beside_the_shared_ones_in_the_same_units():
+    apart = {"last.bias": torch.tensor([0.5, 0.5, 1e-6])}
+    view = FlatView((4, 6), given_spread=apart, hidden={"layers.0.bias": torch.zeros(3)})
+    steps = list(refinement(view, Colouring(torch.full((3,), 3.0)), shown(torch.zeros(4, 6, 3))))
+    before, after = (steps[number].changes["last.bias"] for number in (STEPS, -1))
+    assert (after[:2] < before[:2] - 0.05).all() and after[2].abs() < 1e-4
 
 
 @pytest.mark.parametrize("as_much, learned", [(0, True), (60, False)])

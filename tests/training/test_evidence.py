@@ -174,6 +174,15 @@ def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see
     np.testing.assert_allclose(np.linalg.norm(here.towards, axis=1), 1, atol=1e-12)
 
 
+def test_texture_finer_than_features_are_off_is_no_colour(tmp_path):
+    collection = known_collection(tmp_path, plain, photos=4)
+    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    chequered = np.repeat(255 * ((rows + columns) % 2)[..., None], 3, axis=2).astype(np.uint8)
+    found = find_sightings(collection.points, [replace(photo, pixels=chequered) for photo in photos])
+    assert np.abs(found.colour - 0.5).max() < 0.1
+
+
 def test_a_photo_is_near_another_that_looks_at_a_point_from_as_far_away():
     """Two of three are 4 degrees apart, as seen from the point;
     the third is in line with one of them, twice as far off."""

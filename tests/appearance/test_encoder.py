@@ -164,3 +164,10 @@ def test_embeddings_start_around_zero_as_the_masks_of_the_start_give_them():
     embeddings = torch.stack([encoder(photo, True)[0] for photo in photos])
     assert embeddings.mean(dim=0).abs().max() < 1e-3
     assert 0.5 < embeddings.std(dim=0).max() < 1
+
+
+def test_what_next_to_equal_photos_differ_by_is_not_amplified():
+    encoder, photo = PhotoEncoder(whole_settings()), torch.rand(3, 32, 32)
+    photos = [photo + 1e-3 * torch.rand(3, 1, 1) for _ in range(20)]
+    encoder.start_apart(photos)
+    assert torch.stack([encoder(each, True)[0] for each in photos]).std(dim=0).max() < 0.1

@@ -70,6 +70,8 @@ def test_a_whole_run_leaves_no_tensor_on_the_cpu(scene, tmp_path, monkeypatch):
     assert any("held-out PSNR" in line for line in heard.lines)
     run = load_run(folder)
     assert isinstance(run.splats.sh, Elsewhere) and isinstance(run.model.mean_embedding, Elsewhere)
+    monkeypatch.setattr("core.appearance.refinement.STEPS", 2)
+    monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 2)
     pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "look.ply", save_as="kept")
     pipeline.bake_to_file(folder, str(scene / "photo_1.png"), tmp_path / "other.ply", prune=False)
     cv2.imwrite(str(tmp_path / "night.png"), np.zeros((30, 40, 3), np.uint8))
@@ -78,8 +80,6 @@ def test_a_whole_run_leaves_no_tensor_on_the_cpu(scene, tmp_path, monkeypatch):
     pipeline.interpolate(folder, "night", "kept", 3, tmp_path / "dawn")
     pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
     monkeypatch.setattr(lpips, "load", lambda: Lpips(made_weights()))
-    monkeypatch.setattr("core.appearance.refinement.STEPS", 2)
-    monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 2)
     scores = pipeline.evaluate(folder, protocol="full").views[0].scores["photo"]
     assert scores["refined"].lpips > 0 and scores["refined"].psnr >= scores["zero_shot"].psnr - 0.1  # L1 is refined
     pipeline.evaluate(folder, protocol="half")

@@ -13,11 +13,12 @@ OF_BLOCKS = {"blur_products_down", "blur_down", "compare", "combine", "encode_pl
 
 
 def hasten():
-    """From here on, two things that it does in vain are left out, and a program takes more in one block.
+    """From here on, three things that it does in vain are left out, and a program takes more in one block.
 
     Whether a sum of integers overflows is computed, but asserted with the option `debug` alone. And while a kernel
     runs, the functions of `triton.language` are replaced by interpreted ones, anew whenever it calls a function of its
-    own. What a block costs depends little on how many numbers are in it.
+    own. NumPy's type for one of Triton's is looked up in a table that is made anew each time. What a block costs
+    depends little on how many numbers are in it.
     """
     builder = interpreter.interpreter_builder
     builder.options = replace(builder.options, sanitize_overflow=False)
@@ -34,6 +35,14 @@ def hasten():
         return NOTHING_TO_RESTORE
 
     interpreter._patch_lang = replace_unless_done
+    look_up, found = interpreter._get_np_dtype, {}
+
+    def look_up_once(dtype):
+        if dtype.name not in found:
+            found[dtype.name] = look_up(dtype)
+        return found[dtype.name]
+
+    interpreter._get_np_dtype = look_up_once
     run = interpreter.GridExecutor.__call__
 
     def run_in_wider_blocks(executor, *arguments, **options):

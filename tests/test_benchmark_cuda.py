@@ -47,7 +47,9 @@ def small(monkeypatch):
     sizes = {"GAUSSIANS": 25, "SIZE_PX": (16, 16), "STEP_SIZES": (10,), "STEP_GAUSSIANS": 20, "PAPER_GAUSSIANS": 10}
     for name, value in {**sizes, "PAPER_STEPS_TIMED": 1, "WARM_UP": 1, "TIMES": 1, "STEPS": 1}.items():
         monkeypatch.setattr(on_gpu, name, value)
-    monkeypatch.setattr(on_gpu, "Settings", partial(Settings, sky_gaussians=12, encoder_side_px=16))
+    settings = {"sky_gaussians": 12, "encoder_side_px": 16}
+    monkeypatch.setattr(on_gpu, "Settings", partial(Settings, **settings))
+    monkeypatch.setattr(on_gpu, "EVERYTHING", on_gpu.EVERYTHING.changed(**settings))
     monkeypatch.setattr("samples.measurements.steps.STEP_GAUSSIANS", 20)
     monkeypatch.setattr("samples.measurements.scenes.STEP_GAUSSIANS", 20)
     monkeypatch.setattr(on_gpu, "trainer_of", partial(on_gpu.trainer_of, size_px=(16, 12)))

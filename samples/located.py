@@ -24,11 +24,11 @@ import torch
 from core.appearance.colouring import Colouring
 from core.data import load_collection
 from core.data.collection import Collection, Photo
-from core.data.sfm.locate import locate
 from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refined
+from core.looks.find_look import look_of_file
 from core.looks.held_out_views import held_out_view
-from core.looks.refined_look import landmarks_of_run
+from core.looks.refined_look import located
 from core.looks.trained import TrainedRun
 from core.report import QUIET
 from core.scene.camera import Camera
@@ -46,16 +46,15 @@ def main(run_folder: Path | None) -> None:
     """Locate the held-out photos of RUN, and refine their looks from there."""
     trained, held_out = opened(run_folder)
     collection = load_collection(trained.collection.read_from)
-    landmarks = landmarks_of_run(trained, QUIET)
     rows = []
     for photo in held_out:
-        found = locate(photo.path, landmarks, QUIET)
+        found = located(trained, look_of_file(trained, photo.path), photo.path, None, QUIET)
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue
         off = off_px(found.camera, collection.photo(photo.name), collection)
         decibels = scores(trained, photo, found.camera)
-        agree = f"{found.agreeing} of {found.matched} features agree"
+        agree = f"{found.agreeing} of {found.matched} {found.kind} agree"
         click.echo(f"{photo.name}: {agree}, {off:.2f} px of {WIDTH_PX} off; {FIGURES.format(*decibels)}")
         rows.append((off, *decibels))
     click.echo(f"{len(rows)} of {len(held_out)} found")

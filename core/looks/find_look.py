@@ -66,7 +66,7 @@ def find_look(
             look = replace(look, source=f"{look.source} (whose file is gone; this one has its name and size)")
         return look
     if Path(word).is_file():
-        look = _of_outside(trained, Path(word), mask)
+        look = look_of_file(trained, Path(word), mask)
         return refined_outside(trained, look, Path(word), mask, report) if refine else look
     raise _unknown(trained, word)
 
@@ -193,7 +193,8 @@ def _masked_by_user(trained: TrainedRun, photo: Photo, mask: Path) -> Photo:
     return masked
 
 
-def _of_outside(trained: TrainedRun, path: Path, mask: Path | None) -> Look:
+def look_of_file(trained: TrainedRun, path: Path, mask: Path | None = None) -> Look:
+    """The look of a photo file as one from outside the collection, not refined; the rest as in `find_look`."""
     _refuse_unknown_to_table(trained, str(path))
     if mask is not None:
         check_fits(mask, mask_size(mask), probe(path).displayed)

@@ -11,11 +11,11 @@ from torch import Tensor
 from core.data import load_collection
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
-from core.data.sfm import landmarks
-from core.data.sfm.landmarks import Landmarks, known_photos, landmarks_of
-from core.data.sfm.locate import locate
+from core.data.sfm.landmarks import FILE, Landmarks, known_photos, landmarks_of
+from core.data.sfm.locate import Located, locate
 from core.errors import BadInput, WegsError
 from core.evaluation.subject import last, refining_to
+from core.looks.aligned import align
 from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
 from core.run.run_config import check_same_run, scene_gone
@@ -41,12 +41,12 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
     if not trained.has_looks:
         return look
     try:
-        found = locate(path, landmarks_of_run(trained, report), report, mask)
+        found = located(trained, look, path, mask, report)
     except BadInput as problem:
         return not_refined(look, problem.what)
     if found is None:
         return not_refined(
-            look, "its camera could not be located (too few features match the training photos, or agree on a camera)"
+            look, "its camera could not be located (too little of it agrees with what the training photos show)"
         )
     sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
     photo = Photo.from_outside(path, found.camera, mask)
@@ -58,8 +58,21 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
         return not_refined(look, too_fine if mask is not None else problem.what)
     pixels, valid = as_tensors(loaded.pixels, loaded.valid, trained.device)
     better = refined(trained, look, camera, pixels, valid, report)
-    how = f"refined from where it was taken ({found.agreeing} of {found.matched} features agree)"
+    how = f"refined from where it was taken ({found.agreeing} of {found.matched} {found.kind} agree)"
     return replace(better, source=f"{look.source}, {how}")
+
+
+def located(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report: Report) -> Located | None:
+    """Where a photo file, whose look this is, was taken: as its features tell, most exactly, or, where too few of them
+    match, pictures of the scene. Raises BadInput for a photo that cannot be read, or that its mask hides altogether."""
+    found = None
+    try:
+        landmarks = landmarks_of_run(trained, report)
+    except BadInput as problem:
+        report.warn(f"{problem.what.removesuffix('.')}; so {path.name} is looked for by pictures of the scene alone.")
+    else:
+        found = locate(path, landmarks, report, mask)
+    return found or align(trained, look, path, mask, report)
 
 
 def not_refined(look: Look, why: str) -> Look:
@@ -75,11 +88,11 @@ def landmarks_of_run(trained: TrainedRun, report: Report) -> Landmarks:
     if none are kept and the scene cannot be read, has other cameras by now, or does not say which photo shows which
     point.
     """
-    path = trained.folder / landmarks.FILE
+    path = trained.folder / FILE
     if (kept := Landmarks.load(path, trained.identity)) is not None:
         return kept
     if not trained.collection.root.is_dir():
-        raise scene_gone(trained.folder, trained.collection, "its camera could not be located")
+        raise scene_gone(trained.folder, trained.collection, "the features of its photos cannot be read")
     collection = load_collection(trained.collection.read_from, trained.settings.all_photos)
     if not collection.in_world_of(trained.collection):
         raise BadInput(

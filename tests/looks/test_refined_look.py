@@ -1,7 +1,6 @@
 """Looks refined against their photos: of held-out ones always,
 of photos from outside where these were taken is found."""
 
-import shutil
 from dataclasses import replace
 from itertools import pairwise
 from statistics import fmean
@@ -13,38 +12,29 @@ import torch
 
 from core.appearance.colouring import Colouring
 from core.appearance.refinement import LATER_STEPS, STEPS, Wanted, refinement
-from core.data.prepare import prepared
-from core.data.sfm.landmarks import Landmarks
-from core.errors import BadInput
+from core.data import load_collection
 from core.looks import refined_look, saved_look
+from core.looks.aligned import align
 from core.looks.find_look import find_look
 from core.looks.trained import TrainedRun, bake, blend
 from core.report import Report
 from core.scene.cells import cell_sums
-from tests.data.room_corner import HEIGHT, WIDTH, write_corner
-from tests.failing import failing
+from tests.data.room_corner import HEIGHT, WIDTH
 from tests.heard import Heard
-from tests.small import finished, whole_settings
+from tests.looks.lit_corner import lit_corner
 
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> TrainedRun:
-    """The room corner, each photo in a light of its own; photo 0 is held out."""
-    scene, runs = write_corner(tmp_path_factory.mktemp("corner")), tmp_path_factory.mktemp("runs")
-    for number in range(6):
-        path = str(scene / f"{number}.png")
-        tint = np.exp(0.3 * np.random.default_rng(number).normal(size=3))
-        cv2.imwrite(path, np.clip(0.7 * tint * cv2.imread(path), 0, 255).astype(np.uint8))
-    collection = prepared(scene, runs / "points", Report())
-    small = {
-        "steps": 300,
-        "max_gaussians": 1500,
-        "sky_gaussians": 100,
-        "encoder_side_px": 48,
-        "checkpoints": 1,
-        "held_out_checks": 0,
-    }
-    return finished(collection, whole_settings(**small), runs / "run")
+    """The room corner; photo 0 is held out."""
+    return lit_corner(tmp_path_factory.mktemp("corner"), steps=300)
+
+
+@pytest.fixture
+def few_steps(monkeypatch):
+    """Where it does not matter how far a refinement comes."""
+    monkeypatch.setattr("core.appearance.refinement.STEPS", 8)
+    monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 4)
 
 
 def off(trained: TrainedRun, look, name: str = "0.png") -> float:
@@ -189,6 +179,49 @@ def test_a_photo_from_outside_is_refined_from_where_it_was_taken(trained, tmp_pa
     assert alike(again.colouring, refined.colouring)
 
 
+@pytest.mark.parametrize("name", ["0.png", "4.png"])
+def test_a_photo_whose_features_match_nothing_is_located_by_pictures_in_its_own_look(
+    trained, tmp_path, monkeypatch, name
+):
+    """Less than 1% of the picture's width off, seconds of training as there were."""
+    outside = tmp_path / "outside.png"
+    outside.write_bytes(trained.collection.photo(name).path.read_bytes())
+    monkeypatch.setattr(refined_look, "locate", lambda *_: None)
+    read = find_look(trained, str(outside), refine=False)
+    camera = refined_look.located(trained, read, outside, None, Report()).camera
+    known = trained.collection.photo(name).camera
+    assert (camera.width, camera.height) == (known.width, known.height)
+    points = load_collection(trained.collection.read_from).points
+    points = points[known.shows(points)[0]]
+    off_px = np.linalg.norm(camera.project(points)[0] - known.project(points)[0], axis=1)
+    assert np.median(off_px) < 0.01 * WIDTH  # half of that was seen
+    refined = find_look(trained, str(outside))
+    assert off(trained, refined, name) < off(trained, read, name)
+    assert refined.source.startswith(f"{read.source}, refined from where it was taken (")
+    assert refined.source.endswith(" places agree)")
+
+
+@pytest.mark.parametrize("side", [WIDTH, WIDTH // 6])
+def test_a_texture_is_nowhere(trained, tmp_path, side):
+    """Edges everywhere, which agree with no picture of the scene."""
+    coarse = np.random.default_rng(0).integers(0, 255, (12, 16, 3), np.uint8)
+    path = tmp_path / "texture.png"
+    cv2.imwrite(str(path), cv2.resize(coarse, (side, 3 * side // 4), interpolation=cv2.INTER_CUBIC))
+    assert align(trained, find_look(trained, str(path), refine=False), path, None, Report()) is None
+
+
+def test_what_a_mask_hides_does_not_tell_where_a_photo_was_taken(trained, tmp_path):
+    pixels, mask = cv2.imread(str(trained.collection.photo("4.png").path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[-HEIGHT // 8 :] = 0
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    read, found = find_look(trained, "4.png", refine=False), []
+    for colour in ((20, 120, 240), (230, 60, 20)):
+        pixels[-HEIGHT // 8 :] = colour
+        cv2.imwrite(str(tmp_path / "photo.png"), pixels)
+        found.append(align(trained, read, tmp_path / "photo.png", tmp_path / "mask.png", Report()))
+    assert found[0].camera.numbers() == found[1].camera.numbers()
+
+
 def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path):
     wall = tmp_path / "wall.png"
     cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), (90, 120, 150), np.uint8))
@@ -196,83 +229,37 @@ def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path
     assert torch.equal(kept.colouring.embedding, encoded.colouring.embedding) and kept.colouring.changes == {}
     assert (
         kept.source
-        == f"{encoded.source}, not refined: its camera could not be located (too few features match the training photos, or agree on a camera)"
+        == f"{encoded.source}, not refined: its camera could not be located (too little of it agrees with what the training photos show)"
     )
 
 
-def test_landmarks_are_found_once_and_then_suffice_without_the_scene(trained, tmp_path):
+def test_landmarks_are_found_once_and_then_suffice_without_the_scene(trained, tmp_path, few_steps):
     outside = tmp_path / "outside.png"
     outside.write_bytes(trained.collection.photo("0.png").path.read_bytes())
     (tmp_path / "run").mkdir()
     new = replace(trained, folder=tmp_path / "run")
     gone = replace(new, collection=replace(trained.collection, points_from=tmp_path / "gone"))
-    assert find_look(gone, str(outside)).source.endswith(f"not refined: There is no folder {tmp_path / 'gone'}")
     moved = replace(new, collection=replace(trained.collection, root=tmp_path / "gone"))
-    unlocated = f"its camera could not be located: the scene {tmp_path / 'gone'} is gone"
-    assert find_look(moved, str(outside)).source.endswith(f"not refined: {unlocated}")
     photos = tuple(
         replace(photo, camera=replace(photo.camera, centre=photo.camera.centre + 0.01))
         for photo in trained.collection.photos
     )
     anew = replace(new, collection=replace(trained.collection, photos=photos))
-    assert find_look(anew, str(outside)).source.endswith(f"are not those that {new.folder} was trained with")
+    for run, why in (
+        (gone, f"There is no folder {tmp_path / 'gone'}"),
+        (moved, f"the features of its photos cannot be read: the scene {tmp_path / 'gone'} is gone"),
+        (anew, f"are not those that {new.folder} was trained with"),
+    ):
+        heard = Heard()
+        refined_look.located(run, find_look(trained, "0.png", refine=False), outside, None, heard)
+        told = [line for line in heard.lines if line.startswith("! ")]
+        assert len(told) == 1
+        assert told[0].endswith(f"{why}; so outside.png is looked for by pictures of the scene alone.")
     assert not list(new.folder.iterdir())
     heard = [Heard(), Heard()]
     looks = [find_look(run, str(outside), report=report) for run, report in zip((new, gone), heard, strict=True)]
     assert alike(looks[0].colouring, looks[1].colouring) and "refined from where it was taken" in looks[1].source
     assert any("first time only" in line for line in heard[0].lines) and not heard[1].lines
-
-
-def test_landmarks_are_not_kept_until_all_photos_can_be_read(trained, tmp_path):
-    """What is found while a disk is half copied would else lose photos for good."""
-    shutil.copytree(trained.collection.photos[0].path.parent, tmp_path / "scene")
-    (tmp_path / "run").mkdir()
-    run = replace(
-        trained, folder=tmp_path / "run", collection=prepared(tmp_path / "scene", tmp_path / "points", Report())
-    )
-    lost, damaged = (run.collection.photo(name).path for name in ("3.png", "4.png"))
-    whole = [path.read_bytes() for path in (lost, damaged)]
-    heard = Heard()
-    lost.unlink()
-    assert len(refined_look.landmarks_of_run(run, heard).counts) == 4 and not list(run.folder.iterdir())
-    assert any("1 training photo of 5 cannot be read now" in line for line in heard.lines)
-    lost.write_bytes(whole[0])
-    damaged.write_bytes(whole[1][:200])
-    assert len(refined_look.landmarks_of_run(run, Report()).counts) == 4 and not list(run.folder.iterdir())
-    damaged.write_bytes(whole[1])
-    assert len(refined_look.landmarks_of_run(run, Report()).counts) == 5 and list(run.folder.iterdir())
-
-
-def test_landmarks_do_not_wait_for_photos_that_training_left_out(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(trained.model, "photo_names", [name for name in trained.model.photo_names if name != "4.png"])
-    run = replace(trained, folder=tmp_path)
-    assert len(refined_look.landmarks_of_run(run, Report()).counts) == 4 and list(tmp_path.iterdir())
-
-
-def test_a_scene_that_does_not_say_which_photo_sees_which_point_is_reported(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(refined_look, "known_photos", lambda collection: [])
-    wall = tmp_path / "wall.png"
-    cv2.imwrite(str(wall), np.full((HEIGHT, WIDTH, 3), 120, np.uint8))
-    assert find_look(replace(trained, folder=tmp_path), str(wall)).source.endswith(
-        "does not tell which photo shows which point"
-    )
-
-
-def test_landmarks_can_be_used_in_a_run_that_may_not_be_written_in(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(Landmarks, "save", failing(BadInput("The folder may not be written in.", "Use another.")))
-    heard = Heard()
-    known = refined_look.landmarks_of_run(replace(trained, folder=tmp_path), heard)
-    assert len(known.counts) == 5 and not list(tmp_path.iterdir())
-    said = "! The folder may not be written in. The next new photo has the features extracted again."
-    assert said in heard.lines  # there is no other folder to use
-
-
-def test_landmarks_are_not_kept_in_a_run_that_was_replaced_meanwhile(trained, tmp_path):
-    (tmp_path / "config.json").write_text('{"run": "another"}')
-    heard = Heard()
-    refined_look.landmarks_of_run(replace(trained, folder=tmp_path), heard)
-    assert any(line.startswith(f"! {tmp_path} holds another run than before.") for line in heard.lines)
-    assert [path.name for path in tmp_path.iterdir()] == ["config.json"]
 
 
 def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_path, monkeypatch):
@@ -301,7 +288,7 @@ def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_re
     assert kept.source == f"{encoded.source}, not refined: too little of it is left at the size at which it is drawn"
 
 
-def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path):
+def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path, few_steps):
     pixels, mask = cv2.imread(str(trained.collection.photo("0.png").path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[HEIGHT // 2 :] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)

@@ -5,6 +5,7 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pycolmap
@@ -34,33 +35,32 @@ SURE = 50  # with this many inliers, the mirrored photo need not be tried
 @dataclass(frozen=True)
 class Located:
     """camera: a pinhole in the collection's scene frame, at the size of the photo as displayed.
-    agreeing: inliers among the `matched` features."""
+    agreeing: inliers among what `matched`, which is of this kind, in words."""
 
     camera: Camera
     agreeing: int
     matched: int
+    kind: str = "features"
 
 
 def locate(path: Path, landmarks: Landmarks, report: Report, mask: Path | None = None) -> Located | None:
     """The camera of a photo file; None if too few of its features match the landmarks or agree on a camera.
 
     Features are matched with the landmarks photo by photo; each match pairs a pixel with a point, and the camera
-    follows from these pairs (P3P, or P4P if the focal length is unknown, in LO-RANSAC). If more features agree once the
-    photo is mirrored, it shows another place. mask: a picture, white where the photo is to be used.
+    follows from these pairs (`pose_of`). If more features agree once the photo is mirrored, it shows another place.
+    mask: a picture, white where the photo is to be used.
     The result is the same for any number of threads. Raises BadInput for a photo that cannot be read, or that its mask
     hides altogether.
     """
-    width, height = probe(path).displayed
-    long_side = max(width, height)
-    anywhere = Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
-    photo = Photo.from_outside(path, anywhere, mask)
+    size = probe(path).displayed
+    photo = Photo.from_outside(path, anywhere(size), mask)
     with scratch("locate") as work, quiet():
-        camera = write_picture(photo, anywhere, work, QUERY)
-        lens = _lens(path, camera.width, camera.height)
+        camera = write_picture(photo, photo.camera, work, QUERY)
+        lens = lens_of(path, camera.width, camera.height)
 
         def located() -> Located | None:
             extract(work, [QUERY], report, work / MASKS)
-            return camera_of(*_matched(work, landmarks, report), lens, (width, height))
+            return camera_of(*_matched(work, landmarks, report), lens, size)
 
         found = located()
         if found is None or found.agreeing >= SURE:
@@ -108,7 +108,13 @@ def _add(database: pycolmap.Database, name: str, descriptors: np.ndarray) -> int
     return number
 
 
-def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
+def anywhere(size: tuple[int, int]) -> Camera:
+    """A camera that takes pictures of this size, of which nothing else is known."""
+    long_side, (width, height) = max(size), size
+    return Camera(np.eye(3), np.zeros(3), long_side, long_side, width / 2, height / 2, width, height)
+
+
+def lens_of(path: Path, width: int, height: int) -> pycolmap.Camera:
     """A pinhole of this size (px), with the focal length of the photo's EXIF if it gives one."""
     length, known = USUAL_FOCAL_LENGTH, False
     with suppress(ValueError):  # a format that COLMAP does not read
@@ -121,8 +127,16 @@ def _lens(path: Path, width: int, height: int) -> pycolmap.Camera:
     return lens
 
 
-def camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
-    """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree.
+class Pose(NamedTuple):
+    """camera: a pinhole of the lens's size. agree: (n,) bool, the matches that agree on it."""
+
+    camera: Camera
+    agree: np.ndarray
+
+
+def pose_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, off_px: float) -> Pose | None:
+    """The camera that sees the points at these pixels of `lens`, to within off_px, on which most matches agree
+    (P3P, or P4P if the focal length is unknown, in LO-RANSAC); None if there is none that could exist.
 
     If EXIF gives a focal length, an unknown one is tried as well, and that on which more features agree is taken:
     programs that crop a photo leave its EXIF as it was.
@@ -130,7 +144,7 @@ def camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, siz
     if not len(points):
         return None
     estimation, refinement = pycolmap.AbsolutePoseEstimationOptions(), pycolmap.AbsolutePoseRefinementOptions()
-    estimation.ransac.max_error = max(NEAR_PX, OFF * max(lens.width, lens.height))
+    estimation.ransac.max_error = off_px
     estimation.ransac.random_seed = SEED
     refinement.refine_focal_length = True
     answers = []
@@ -142,12 +156,23 @@ def camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, siz
     if not answers:
         return None
     found, fitted = max(answers, key=lambda each: each[0]["num_inliers"])
-    # A point counts once, however many features match it.
-    witnesses = len(np.unique(points[found["inlier_mask"]], axis=0))
-    if witnesses < LEAST_AGREEING or found["num_inliers"] < LEAST_SHARE * len(points) or not is_usual(fitted):
+    if not is_usual(fitted):
         return None
     rotation = found["cam_from_world"].rotation.matrix()
     centre = -rotation.T @ found["cam_from_world"].translation
     length = fitted.mean_focal_length()
     camera = Camera(rotation, centre, length, length, fitted.width / 2, fitted.height / 2, fitted.width, fitted.height)
-    return Located(camera.resized(*size), int(found["num_inliers"]), len(points))
+    return Pose(camera, found["inlier_mask"])
+
+
+def camera_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, size: tuple[int, int]) -> Located | None:
+    """The camera, for a picture of this `size`, that sees the points at these pixels of `lens`; None if too few agree.
+    See `pose_of`."""
+    pose = pose_of(pixels, points, lens, max(NEAR_PX, OFF * max(lens.width, lens.height)))
+    if pose is None:
+        return None
+    agreeing = int(pose.agree.sum())
+    # A point counts once, however many features match it.
+    if len(np.unique(points[pose.agree], axis=0)) < LEAST_AGREEING or agreeing < LEAST_SHARE * len(points):
+        return None
+    return Located(pose.camera.resized(*size), agreeing, len(points))

@@ -222,7 +222,7 @@ def nearness(trained: TrainedRun, style: str, own: Look) -> str | None:
     if not true:
         return None
     seen = {photo.name: look_of_photo(trained, photo, refine=False) for photo in trained.collection.split("train")}
-    looks = {"own": own, "neutral": neutral_look(trained)} | seen
+    looks = {"own": own, "read": find_look(trained, style, refine=False), "neutral": neutral_look(trained)} | seen
     found: dict[str, list[float]] = {}
     for which, look in looks.items():
         baked = bake(trained, look)
@@ -233,7 +233,8 @@ def nearness(trained: TrainedRun, style: str, own: Look) -> str | None:
     means = {which: sum(values) / len(values) for which, values in found.items()}
     nearest = max(seen, key=means.__getitem__)
     return (
-        f"{Path(style).name}: {means['own']:.2f} dB from the truth in {counted(len(true), 'view')}; the nearest of "
+        f"{Path(style).name}: {means['own']:.2f} dB from the truth in {counted(len(true), 'view')}, "
+        f"zero-shot {means['read']:.2f}; the nearest of "
         f"{counted(len(seen), 'look')} of training photos ({nearest}) {means[nearest]:.2f}, "
         f"neutral {means['neutral']:.2f}, "
         f"fitted to the truth {means.get('fitted', means['own']):.2f}"

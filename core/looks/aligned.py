@@ -5,11 +5,13 @@ photo's look still resembles the photo. It is compared with what the training ca
 pictures tell a camera, which sees a picture more similar yet, and so on, until no more places agree.
 """
 
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pycolmap
 import torch
 from jaxtyping import Bool, Float
 
@@ -41,6 +43,13 @@ LEAST_AGREEING, LEAST_SHARE = 100, 0.5
 SURE = 0.75  # with this share, no other way is tried; ways that end beside the camera had 0.53 and 0.57
 
 
+class Shown(NamedTuple):
+    """The photo at one size. lens: a pinhole of that size, with the focal length that is known of the photo, if any."""
+
+    lens: pycolmap.Camera
+    features: GridFeatures
+
+
 class Seen(NamedTuple):
     """A picture of the scene. points: what the points of its grid show, scene frame, row by row.
     is_place: whether that is the place, and not the sky."""
@@ -58,22 +67,20 @@ def align(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report
     mask hides altogether.
     """
     size = probe(path).displayed
-    photo, baked = Photo.from_outside(path, anywhere(size), mask), bake(trained, look)
+    photo, lens = Photo.from_outside(path, anywhere(size), mask), lens_of(path, *size)
+    baked = bake(trained, look)
     cameras = [trained.camera(each) for each in spread_over(trained.collection.split("train"), VIEWS)]
     with one_torch_thread():
-        small = [photo.camera.shrunk(long_side / max(size)) for long_side in COARSE_PX]
-        both = [(each, _features_of(photo, each)) for each in small]
+        coarse, fine = [_shown(photo, lens, px) for px in COARSE_PX], _shown(photo, lens, FINE_PX)
         starts: list[Located] = []
         for number, camera in enumerate(cameras, 1):
             report.progress("Looking for its camera", number, len(cameras))
             seen = _seen(trained, baked, camera.shrunk(COARSE_PX[0] / max(camera.width, camera.height)))
-            found = (_located(path, each, shown, seen, matches(shown, seen.features)) for each, shown in both)
+            found = (_located(shown, seen, matches(shown.features, seen.features)) for shown in coarse)
             starts += filter(None, found)
-        fine = photo.camera.shrunk(FINE_PX / max(size))
-        shown = _features_of(photo, fine)
         best = None
         for start in sorted(starts, key=lambda each: -each.agreeing)[:TRIES]:
-            end = _followed(trained, baked, path, shown, start.camera.resized(fine.width, fine.height))
+            end = _followed(trained, baked, fine, start.camera.resized(fine.lens.width, fine.lens.height))
             if end and (best is None or end.agreeing > best.agreeing):
                 best = end
             if best and best.agreeing >= max(LEAST_AGREEING, SURE * best.matched):
@@ -83,13 +90,12 @@ def align(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report
     return replace(best, camera=best.camera.resized(*size))
 
 
-def _followed(trained: TrainedRun, baked: Splats, path: Path, shown: GridFeatures, camera: Camera) -> Located | None:
+def _followed(trained: TrainedRun, baked: Splats, shown: Shown, camera: Camera) -> Located | None:
     """Where the way from this camera ends."""
     best = None
     for _ in range(ROUNDS):
         seen = _seen(trained, baked, camera)
-        pairs = matches_nearby(shown, seen.features, REACH, LEAST_ALIKE)
-        found = _located(path, camera, shown, seen, pairs)
+        found = _located(shown, seen, matches_nearby(shown.features, seen.features, REACH, LEAST_ALIKE))
         if found is None or (best is not None and found.agreeing <= best.agreeing):
             break
         settled = best is not None and found.agreeing < GAIN * best.agreeing
@@ -99,11 +105,13 @@ def _followed(trained: TrainedRun, baked: Splats, path: Path, shown: GridFeature
     return best
 
 
-def _features_of(photo: Photo, camera: Camera) -> GridFeatures:
-    """Those of the photo, at the size of this camera's picture."""
-    loaded = load_photo(photo, camera.width, camera.height)
+def _shown(photo: Photo, lens: pycolmap.Camera, long_side_px: int) -> Shown:
+    """The photo at a size of which this is the longer side, or at that of the lens, its own, if it is smaller."""
+    small = photo.camera.shrunk(long_side_px / max(lens.width, lens.height))
+    loaded, lens = load_photo(photo, small.width, small.height), copy(lens)
+    lens.rescale(small.width, small.height)
     features = GridFeatures.of(torch.from_numpy(loaded.pixels).float() / 255)
-    return features if loaded.valid is None else features.only(loaded.valid)
+    return Shown(lens, features if loaded.valid is None else features.only(loaded.valid))
 
 
 def _seen(trained: TrainedRun, baked: Splats, camera: Camera) -> Seen:
@@ -127,9 +135,8 @@ def _seen(trained: TrainedRun, baked: Splats, camera: Camera) -> Seen:
     return Seen(features, local @ camera.world_to_camera + camera.centre, share > PLACE)
 
 
-def _located(path: Path, camera: Camera, shown: GridFeatures, seen: Seen, pairs: Pairs) -> Located | None:
-    """The camera on which the matches agree; it has the size of this camera's picture."""
+def _located(shown: Shown, seen: Seen, pairs: Pairs) -> Located | None:
+    """The camera on which the matches agree, at the size of the photo as shown."""
     own, there, aside = (each[seen.is_place[pairs.second]] for each in pairs)
-    lens = lens_of(path, camera.width, camera.height)
-    pose = pose_of(shown.pixels[own] + aside, seen.points[there], lens, GRID_PX)
+    pose = pose_of(shown.features.pixels[own] + aside, seen.points[there], shown.lens, GRID_PX)
     return None if pose is None else Located(pose.camera, int(pose.agree.sum()), len(own), "places")

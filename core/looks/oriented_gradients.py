@@ -83,6 +83,8 @@ class Pairs(NamedTuple):
 def matches(first: GridFeatures, second: GridFeatures) -> Pairs:
     """Points that are most similar to each other, of all."""
     similar = first.descriptors.flatten(1).T @ second.descriptors.flatten(1)
+    if not similar.numel():  # of a picture a few pixels high
+        return Pairs(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)))
     (best, there), back = similar.max(dim=1), similar.max(dim=0).indices
     own = ((back[there] == torch.arange(len(there))) & (best > 0)).nonzero()[:, 0]
     return Pairs(own.numpy(), there[own].numpy(), np.zeros((len(own), 2)))

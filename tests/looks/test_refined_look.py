@@ -201,12 +201,12 @@ def test_a_photo_whose_features_match_nothing_is_located_by_pictures_in_its_own_
     assert refined.source.endswith(" places agree)")
 
 
-@pytest.mark.parametrize("side", [WIDTH, WIDTH // 6])
-def test_a_texture_is_nowhere(trained, tmp_path, side):
+@pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (WIDTH // 6, HEIGHT // 6), (20 * WIDTH, 20)])
+def test_a_texture_is_nowhere(trained, tmp_path, size):
     """Edges everywhere, which agree with no picture of the scene."""
     coarse = np.random.default_rng(0).integers(0, 255, (12, 16, 3), np.uint8)
     path = tmp_path / "texture.png"
-    cv2.imwrite(str(path), cv2.resize(coarse, (side, 3 * side // 4), interpolation=cv2.INTER_CUBIC))
+    cv2.imwrite(str(path), cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
     assert align(trained, find_look(trained, str(path), refine=False), path, None, Report()) is None
 
 

@@ -254,12 +254,9 @@ def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_pat
 def test_the_exposure_mode_shows_held_out_photos_that_differ_only_in_exposure(tmp_path):
     collection = known_collection(tmp_path, exposed)
     changes = {"steps": 200, "resolution": 2, "held_out_checks": 1, "sh_degree": 0, "transients": "off"}
-    quality = []
-    for seed in (0, 1, 2):
-        trainer = trained(collection, tmp_path / str(seed), Settings(seed=seed, **changes, **SMALL))
-        assert trainer.settings.appearance == "exposure"
-        quality.append(trainer.held_out_quality()[0])
-    assert np.mean(quality) > 27  # dB: 29.8 to 31.1, and 20 without looks
+    trainer = trained(collection, tmp_path / "run", Settings(**changes, **SMALL))
+    assert trainer.settings.appearance == "exposure"
+    assert trainer.held_out_quality()[0] > 27  # dB: 29.8 to 31.1 by seed, and 20 without looks
 
 
 # --- the run keeps what was decided

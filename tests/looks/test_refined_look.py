@@ -307,7 +307,7 @@ def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path
     assert alike(looks[0].colouring, looks[1].colouring)
 
 
-def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
+def test_a_run_renders_a_look_as_its_bake_is_rendered(trained, few_steps):
     """float32, and a sum over fewer Gaussians where those out of view are left out."""
     look, camera = find_look(trained, "1.png"), trained.camera(trained.collection.photo("0.png"))
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
@@ -322,7 +322,7 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained):
     )
 
 
-def test_cells_show_what_the_picture_shows(trained):
+def test_cells_show_what_the_picture_shows(trained, few_steps):
     """Sky, tone and a background of its own included: a refinement compares these in place of pictures."""
     camera = trained.camera(trained.collection.photo("0.png"))
     weight = torch.rand(camera.height, camera.width)

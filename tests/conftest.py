@@ -28,3 +28,10 @@ def same_conditions():
     torch.manual_seed(0)
     yield
     torch.set_num_threads(2)  # before fixtures of the next module, too
+
+
+@pytest.fixture
+def few_steps(monkeypatch):
+    """Where it does not matter how far a refinement comes."""
+    monkeypatch.setattr("core.appearance.refinement.STEPS", 8)
+    monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 4)

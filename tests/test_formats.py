@@ -69,7 +69,7 @@ def test_a_resumed_run_uses_the_same_points(trained, corner, tmp_path):
         assert torch.equal(getattr(resumed.splats, name), tensor), name
 
 
-def test_the_run_can_be_evaluated_baked_interpolated_and_examined(trained, tmp_path):
+def test_the_run_can_be_evaluated_baked_interpolated_and_examined(trained, tmp_path, few_steps):
     folder, _ = trained
     assert pipeline.evaluate(folder, refine=False).means()["photo"]["zero_shot"]["psnr"] > 5  # dB, after ten steps
     assert pipeline.bake_to_file(folder, "3.png", tmp_path / "look.ply").stat().st_size > 1000

@@ -55,7 +55,7 @@ def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
     np.testing.assert_array_equal(shown[-1], lights.tile(frame, strip))
 
 
-def test_a_grid_of_looks_with_their_photos(folder, tmp_path):
+def test_a_grid_of_looks_with_their_photos(folder, tmp_path, few_steps):
     line = [str(folder), "--grid", "-o", str(sheet := tmp_path / "grid.jpg")]
     refused = CliRunner().invoke(lights.main, line)
     assert refused.exit_code == 1 and "Add --style PHOTO" in refused.output
@@ -135,7 +135,7 @@ def test_the_truth_is_found_in_the_scene_even_if_its_points_are_kept_elsewhere(f
     assert lights.truths(live, str(style)) == {}
 
 
-def test_a_look_is_compared_with_its_known_truth(folder):
+def test_a_look_is_compared_with_its_known_truth(folder, few_steps):
     live = load_run(folder)
     root = live.collection.root
     style = root / "styles" / "own.png"

@@ -96,7 +96,7 @@ def test_after_baking_the_user_is_told_how_to_view_the_look(trained, tmp_path):
         assert heard.lines[-1 - sky :] == [drag, outside][: 1 + sky]
 
 
-def test_an_interpolation_reports_each_of_its_looks_on_a_line(trained, tmp_path):
+def test_an_interpolation_reports_each_of_its_looks_on_a_line(trained, tmp_path, few_steps):
     heard = Heard()
     pipeline.interpolate(trained, "neutral", "photo_0", 2, tmp_path / "fade", heard, views=["photo_1"])
     assert heard.lines[0].endswith("small: 2 frames, seen from photo_1.png")

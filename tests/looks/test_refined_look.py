@@ -30,20 +30,6 @@ def trained(tmp_path_factory) -> TrainedRun:
     return lit_corner(tmp_path_factory.mktemp("corner"), steps=300)
 
 
-@pytest.fixture
-def few_steps(monkeypatch):
-    """Where it does not matter how far a refinement comes."""
-    monkeypatch.setattr("core.appearance.refinement.STEPS", 8)
-    monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 4)
-
-
-@pytest.fixture
-def few_steps(monkeypatch):
-    """Where it does not matter how far a refinement comes."""
-    monkeypatch.setattr("core.appearance.refinement.STEPS", 8)
-    monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 4)
-
-
 def off(trained: TrainedRun, look, name: str = "0.png") -> float:
     """The mean difference, which a refinement makes smaller, between the look,
     seen by the camera of a photo, and that photo."""

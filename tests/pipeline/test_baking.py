@@ -61,7 +61,7 @@ def test_a_file_that_was_made_meanwhile_is_not_replaced(trained, tmp_path, monke
     assert (tmp_path / "a.ply").read_text() == "theirs"
 
 
-def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path, monkeypatch):
+def test_looks_differ_and_can_be_kept_by_name(trained, tmp_path, few_steps, monkeypatch):
     folder = trained[0]
     data = {}
     for name, word, save_as in (("a", "photo_0.png", "noon"), ("b", "noon", None), ("c", "photo_4.png", None)):
@@ -145,7 +145,7 @@ def test_a_scene_far_from_the_origin_is_written_around_itself_and_that_is_report
     assert torch.equal(*(read_ply(tmp_path / f"{name}.ply").means for name in ("near", "far")))
 
 
-def test_a_table_of_embeddings_knows_no_other_photos(small_scene, tmp_path):
+def test_a_table_of_embeddings_knows_no_other_photos(small_scene, tmp_path, few_steps):
     folder = pipeline.train(small_scene, small_settings(steps=2, embedding="glo"), tmp_path / "run")
     pipeline.bake_to_file(folder, "photo_0.png", tmp_path / "a.ply")
     with pytest.raises(BadInput, match="embedding=glo"):

@@ -122,7 +122,7 @@ def test_a_run_that_may_not_be_written_in_is_refused_before_the_work(trained, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_every_command_says_if_a_run_was_stopped(trained, tmp_path):
+def test_every_command_says_if_a_run_was_stopped(trained, tmp_path, few_steps):
     folder = tmp_path / "run"
     shutil.copytree(trained[0], folder)
     saved = checkpoint.load(checkpoint.newest(folder))

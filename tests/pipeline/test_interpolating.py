@@ -18,7 +18,7 @@ from core.pipeline import interpolating
 from tests.heard import Heard
 
 
-def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path):
+def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path, few_steps):
     folder, ends = trained[0], ("neutral", "photo_4.png")
     output = pipeline.interpolate(folder, *ends, steps=3, output=tmp_path / "fade", ply=True)
     assert sorted(path.name for path in output.iterdir()) == [
@@ -57,7 +57,7 @@ def test_the_camera_moves_from_one_view_to_the_other(trained, tmp_path):
         )
 
 
-def test_a_look_that_is_both_ends_is_found_once(trained, tmp_path, monkeypatch):
+def test_a_look_that_is_both_ends_is_found_once(trained, tmp_path, monkeypatch, few_steps):
     asked = []
     monkeypatch.setattr(
         interpolating, "find_look", lambda live, word, **choices: asked.append(word) or find_look(live, word, **choices)
@@ -77,7 +77,9 @@ def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatc
     assert heard.lines[-2:] == [warning, f"{output}: 2 frames, sheet.png"]
 
 
-def test_gaussians_that_cannot_be_drawn_are_warned_of_once_whichever_frame_lacks_them(trained, tmp_path, monkeypatch):
+def test_gaussians_that_cannot_be_drawn_are_warned_of_once_whichever_frame_lacks_them(
+    trained, tmp_path, monkeypatch, few_steps
+):
     def bake_broken(live, look):
         baked = bake(live, look).map(torch.clone)
         baked.sh[: 0 if look.name == "neutral" else 2] = torch.nan

@@ -96,10 +96,9 @@ class Wanted:
     def of(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> "Wanted":
         """The photo, shrunk by area to LONGER_SIDE_PX if it is larger. valid: what of it counts; all, if None."""
         weight = torch.ones_like(picture[..., 0]) if valid is None else valid.float()
-        longer = max(camera.width, camera.height)
-        if longer <= LONGER_SIDE_PX:
+        if max(camera.width, camera.height) <= LONGER_SIDE_PX:
             return Wanted(camera, picture, weight)
-        small = camera.shrunk(LONGER_SIDE_PX / longer)
+        small = camera.within(LONGER_SIDE_PX)
 
         def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
             planes = values.permute(2, 0, 1)[None]

@@ -75,7 +75,7 @@ def align(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report
         starts: list[Located] = []
         for number, camera in enumerate(cameras, 1):
             report.progress("Looking for its camera", number, len(cameras))
-            seen = _seen(trained, baked, camera.shrunk(COARSE_PX[0] / max(camera.width, camera.height)))
+            seen = _seen(trained, baked, camera.within(COARSE_PX[0]))
             found = (_located(shown, seen, matches(shown.features, seen.features)) for shown in coarse)
             starts += filter(None, found)
         best = None
@@ -107,7 +107,7 @@ def _followed(trained: TrainedRun, baked: Splats, shown: Shown, camera: Camera) 
 
 def _shown(photo: Photo, lens: pycolmap.Camera, long_side_px: int) -> Shown:
     """The photo at a size of which this is the longer side, or at that of the lens, its own, if it is smaller."""
-    small = photo.camera.shrunk(long_side_px / max(lens.width, lens.height))
+    small = photo.camera.within(long_side_px)
     loaded, lens = load_photo(photo, small.width, small.height), copy(lens)
     lens.rescale(small.width, small.height)
     features = GridFeatures.of(torch.from_numpy(loaded.pixels).float() / 255)

@@ -52,7 +52,7 @@ class SmoothSky:
             return None
         photos = torch.zeros(sky, dtype=torch.float64, device=splats.means.device)
         for camera in spread_over(cameras, VIEWS):
-            small = camera.shrunk(SIDE_PX / max(camera.width, camera.height))
+            small = camera.within(SIDE_PX)
             photos += rasterizer.contributions(splats, small)[-sky:]
         shown = photos.nonzero()[:, 0]
         if not len(shown):

@@ -60,6 +60,10 @@ class Camera:
         share = min(1.0, share)
         return self.resized(max(1, round(self.width * share)), max(1, round(self.height * share)))
 
+    def within(self, long_side_px: int) -> "Camera":
+        """The same view with a longer side of at most this many pixels."""
+        return self.shrunk(long_side_px / max(self.width, self.height))
+
     def cropped(self, left: int, top: int, width: int, height: int) -> "Camera":
         """The window of the picture that starts at (left, top); all in pixels."""
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)

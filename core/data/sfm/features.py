@@ -54,7 +54,7 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
 def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
     """Write a photo, undistorted and shrunk to LONG_SIDE_PX, and its mask; returns its camera at that size.
     BadInput if it cannot be decoded."""
-    camera = camera.shrunk(LONG_SIDE_PX / max(camera.width, camera.height))
+    camera = camera.within(LONG_SIDE_PX)
     loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty=True)
     shown = np.ones(loaded.pixels.shape[:2], bool) if loaded.valid is None else loaded.valid
     if loaded.empty is not None:

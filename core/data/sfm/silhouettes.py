@@ -27,7 +27,7 @@ def points_in_silhouettes(posed: list[tuple[Photo, Camera]], report: Report) -> 
     points = middle + half * np.random.default_rng(SEED).uniform(-1, 1, (TRIED, 3))
     sums, counts, cut_out = np.zeros((TRIED, 3)), np.zeros(TRIED), False
     for number, (photo, whole) in enumerate(posed, 1):
-        camera = whole.shrunk(LONG_SIDE_PX / max(whole.width, whole.height))
+        camera = whole.within(LONG_SIDE_PX)
         with suppress(BadInput):
             loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty=True)
             empty = np.zeros((camera.height, camera.width)) if loaded.empty is None else loaded.empty

@@ -94,13 +94,12 @@ def _followed(trained: TrainedRun, baked: Splats, shown: Shown, camera: Camera) 
     """Where the way from this camera ends."""
     best = None
     for _ in range(ROUNDS):
-        seen = _seen(trained, baked, camera)
+        agreed, seen = best.agreeing if best else 0, _seen(trained, baked, camera)
         found = _located(shown, seen, matches_nearby(shown.features, seen.features, REACH, LEAST_ALIKE))
-        if found is None or (best is not None and found.agreeing <= best.agreeing):
+        if found is None or found.agreeing <= agreed:
             break
-        settled = best is not None and found.agreeing < GAIN * best.agreeing
         best, camera = found, found.camera
-        if settled:
+        if found.agreeing < GAIN * agreed:
             break
     return best
 

@@ -4,6 +4,7 @@ Light changes them little: they know neither the brightness nor the sign of an e
 """
 
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ from torch import Tensor
 
 GRID_PX = 4  # between neighbouring points
 ORIENTATIONS = 8  # of edges, over half a turn
-CELL_PX, CELLS = 6, 4  # a point's surroundings: CELLS x CELLS histograms
+CELL_PX, CELLS = 6, 4  # a point's surroundings: CELLS x CELLS histograms, this far apart
+CELL_WEIGHTS = 1, 2, 3, 3, 3, 3, 2, 1  # of the pixels of such a cell, in a row or column
 FLAT = 0.002  # mean gradient of what shows nothing: half an 8-bit step per pixel
 LUMA = 0.299, 0.587, 0.114  # of red, green and blue
 
@@ -44,19 +46,22 @@ class GridFeatures:
 
     @staticmethod
     def _around(histograms: Float[Tensor, "o h w"]) -> "GridFeatures":
-        """Of the histogram of each pixel: sums over cells, by root and without their mean
+        """Of the histogram of each pixel: weighted means over cells, by root and without their mean
         (Arandjelovic & Zisserman 2012), of unit length."""
         height, width = histograms.shape[1:]
-        cells = F.avg_pool2d(histograms[None], CELL_PX, 1, padding=CELL_PX // 2)[..., :height, :width]
-        cells = F.avg_pool2d(cells, 3, 1, padding=1)
-        rows, columns = (np.arange(GRID_PX // 2, side, GRID_PX) for side in (height, width))
-        reach = CELLS * CELL_PX // 2
-        cells = F.pad(cells, (reach,) * 4)[0]
+        reach, weights = CELLS * CELL_PX // 2, histograms.new_tensor(CELL_WEIGHTS) / sum(CELL_WEIGHTS)
+        padding = len(weights) // 2 + reach
+        cells = F.conv2d(histograms[:, None], weights.view(1, 1, -1, 1), padding=(padding, 0))
+        cells = F.conv2d(cells, weights.view(1, 1, 1, -1), padding=(0, padding))[:, 0]
         offsets = [round((number - (CELLS - 1) / 2) * CELL_PX) + reach for number in range(CELLS)]
-        around = torch.cat([cells[:, rows + down][:, :, columns + right] for down in offsets for right in offsets])
+        down, right = (
+            [slice(GRID_PX // 2 + offset, side + offset, GRID_PX) for offset in offsets] for side in (height, width)
+        )
+        around = torch.cat([cells[:, *each] for each in product(down, right)])
         is_flat = around.sum(dim=0) < FLAT * CELLS**2
         rooted = around.sqrt()
         rooted = rooted - rooted.mean(dim=0)
+        rows, columns = (np.arange(GRID_PX // 2, side, GRID_PX) for side in (height, width))
         return GridFeatures(F.normalize(rooted, dim=0).masked_fill(is_flat, 0), rows, columns)
 
     @property
@@ -88,6 +93,15 @@ def matches(first: GridFeatures, second: GridFeatures) -> Pairs:
     (best, there), back = similar.max(dim=1), similar.max(dim=0).indices
     own = ((back[there] == torch.arange(len(there))) & (best > 0)).nonzero()[:, 0]
     return Pairs(own.numpy(), there[own].numpy(), np.zeros((len(own), 2)))
+
+
+def coherence(pairs: Pairs, first: GridFeatures, second: GridFeatures) -> int:
+    """How many neighbouring points of the first grid match points of the second that lie beside each other as they do,
+    to within one row and column: by chance, few (Bian et al. 2017: grid-based motion statistics)."""
+    places = np.full((len(first.rows), len(first.columns), 2), np.nan)
+    places.reshape(-1, 2)[pairs.first] = np.stack(np.divmod(pairs.second, len(second.columns)), axis=1)
+    down, right = np.diff(places, axis=0) - (1, 0), np.diff(places, axis=1) - (0, 1)
+    return sum(int((abs(each) <= 1).all(axis=2).sum()) for each in (down, right))
 
 
 def matches_nearby(first: GridFeatures, second: GridFeatures, reach: int, least: float) -> Pairs:

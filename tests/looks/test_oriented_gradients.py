@@ -5,7 +5,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from core.looks.oriented_gradients import GRID_PX, GridFeatures, matches, matches_nearby
+from core.looks.oriented_gradients import GRID_PX, GridFeatures, Pairs, coherence, matches, matches_nearby
 
 
 @pytest.fixture(scope="module")
@@ -54,3 +54,21 @@ def test_nothing_is_found_farther_away_than_the_reach(texture):
     first, second = (GridFeatures.of(window(texture, right, 0)) for right in (0, 5 * GRID_PX))
     within, beyond = (len(matches_nearby(first, second, reach, 0.8).first) for reach in (5, 4))
     assert within > 1000 > 5 * beyond
+
+
+def test_matches_are_coherent_where_neighbours_stay_neighbours(texture):
+    first, second = (GridFeatures.of(window(texture, right, 0)) for right in (0, 2 * GRID_PX))
+    first = GridFeatures.of(window(texture, 0, 0)[:100])  # so that the grids differ
+    pairs = matches(first, second)
+    assert 1.6 * len(pairs.first) < coherence(pairs, first, second) < 2 * len(pairs.first)
+    mixed = np.random.default_rng(0).permutation(pairs.second)
+    assert coherence(pairs._replace(second=mixed), first, second) < 0.05 * len(pairs.first)
+    none = Pairs(*(each[:0] for each in pairs))
+    assert coherence(none, first, second) == 0
+
+
+def test_neighbours_that_change_sides_are_not_coherent(texture):
+    features = GridFeatures.of(texture)
+    every = np.arange(40 * 60)
+    assert coherence(Pairs(every, every, np.zeros((2400, 2))), features, features) == 39 * 60 + 40 * 59
+    assert coherence(Pairs(every, every[::-1], np.zeros((2400, 2))), features, features) == 0

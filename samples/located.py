@@ -28,7 +28,7 @@ from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refined
 from core.looks.find_look import look_of_file
 from core.looks.held_out_views import held_out_view
-from core.looks.refined_look import located
+from core.looks.locate import locate
 from core.looks.trained import TrainedRun
 from core.report import QUIET
 from core.scene.camera import Camera
@@ -48,13 +48,13 @@ def main(run_folder: Path | None) -> None:
     collection = load_collection(trained.collection.read_from)
     rows = []
     for photo in held_out:
-        found = located(trained, look_of_file(trained, photo.path), photo.path, None, QUIET)
+        found = locate(trained, look_of_file(trained, photo.path), photo.path, None, QUIET)
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue
         off = off_px(found.camera, collection.photo(photo.name), collection)
         decibels = scores(trained, photo, found.camera)
-        agree = f"{found.agreeing} of {found.matched} {found.kind} agree"
+        agree = f"{found.agreeing} of {found.matched} places agree"
         click.echo(f"{photo.name}: {agree}, {off:.2f} px of {WIDTH_PX} off; {FIGURES.format(*decibels)}")
         rows.append((off, *decibels))
     click.echo(f"{len(rows)} of {len(held_out)} found")

@@ -1,7 +1,7 @@
 """The run folder: where a run keeps what it made, laid out so that viewers of the original 3DGS project open it too.
 
 cfg_args, cameras.json, input.ply and point_cloud/ are the original project's; config.json, checkpoint_*, appearance/,
-history.csv, preview.png, landmarks.npz, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of
+history.csv, preview.png, masks/, pictures/, curves/, and results.json, per_view.json and sheet.png of
 either protocol are ours.
 """
 
@@ -12,7 +12,6 @@ from pathlib import Path
 from core.config import Settings
 from core.data.collection import Collection
 from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, MASKS, PICTURES, fault_of_mark, read_mark
-from core.data.sfm import landmarks
 from core.errors import BadInput
 from core.run import checkpoint, history, viewer_files
 from core.run.decision import Decision
@@ -29,7 +28,7 @@ CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a train
 # last: where deleting is stopped on the way, --force is taken again.
 OURS = (
     "cfg_args", "cameras.json", "input.ply", "point_cloud", checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
-    history.FILE, landmarks.FILE, MASKS, PREVIEW, *(name for names in EVALUATED.values() for name in names),
+    history.FILE, MASKS, PREVIEW, *(name for names in EVALUATED.values() for name in names),
     CONFIG,
 )  # fmt: skip
 

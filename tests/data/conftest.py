@@ -2,8 +2,6 @@
 
 import pytest
 
-from core.data.sfm.landmarks import landmarks_of
-from core.report import Report
 from tests.data.room_corner import corner_with_points
 
 
@@ -11,9 +9,3 @@ from tests.data.room_corner import corner_with_points
 def corner(tmp_path_factory):
     """The corner and its points; photo 0 is held out."""
     return corner_with_points(tmp_path_factory.mktemp("scene"))
-
-
-@pytest.fixture(scope="session")
-def known(corner):
-    """What photos of the corner are located by."""
-    return landmarks_of(corner, Report())

@@ -1,0 +1,66 @@
+"""The camera of a photo, from points that it shows (pycolmap)."""
+
+from contextlib import suppress
+from copy import copy
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pycolmap
+
+from core.data.placing import focal_length_of, is_usual
+from core.data.sfm.features import SEED
+from core.scene.camera import Camera
+
+USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
+
+
+def lens_of(path: Path, width: int, height: int) -> pycolmap.Camera:
+    """A pinhole of this size (px), with the focal length of the photo's EXIF if it gives one."""
+    length, known = USUAL_FOCAL_LENGTH, False
+    with suppress(ValueError):  # a format that COLMAP does not read
+        said = pycolmap.infer_camera_from_image(path)
+        if said.has_prior_focal_length:
+            length, known = focal_length_of(said), True
+    params = [length * max(width, height), width / 2, height / 2]
+    lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=params)
+    lens.has_prior_focal_length = known
+    return lens
+
+
+class Pose(NamedTuple):
+    """camera: a pinhole of the lens's size. agree: (n,) bool, the matches that agree on it."""
+
+    camera: Camera
+    agree: np.ndarray
+
+
+def pose_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, off_px: float) -> Pose | None:
+    """The camera that sees the points at these pixels of `lens`, to within off_px, on which most matches agree
+    (P3P, or P4P if the focal length is unknown, in LO-RANSAC); None if there is none that could exist.
+
+    If EXIF gives a focal length, an unknown one is tried as well, and that on which more matches agree is taken:
+    programs that crop a photo leave its EXIF as it was.
+    """
+    if not len(points):
+        return None
+    estimation, refinement = pycolmap.AbsolutePoseEstimationOptions(), pycolmap.AbsolutePoseRefinementOptions()
+    estimation.ransac.max_error = off_px
+    estimation.ransac.random_seed = SEED
+    refinement.refine_focal_length = True
+    answers = []
+    for unknown in (False, True) if lens.has_prior_focal_length else (True,):
+        estimation.estimate_focal_length, fitted = unknown, copy(lens)
+        answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, fitted, estimation, refinement)
+        if answer is not None:
+            answers.append((answer, fitted))
+    if not answers:
+        return None
+    found, fitted = max(answers, key=lambda each: each[0]["num_inliers"])
+    if not is_usual(fitted):
+        return None
+    rotation = found["cam_from_world"].rotation.matrix()
+    centre = -rotation.T @ found["cam_from_world"].translation
+    length = fitted.mean_focal_length()
+    camera = Camera(rotation, centre, length, length, fitted.width / 2, fitted.height / 2, fitted.width, fitted.height)
+    return Pose(camera, found["inlier_mask"])

@@ -109,7 +109,7 @@ def load(path: Path, identity: str, step: int, like: Colouring) -> Look:
 
 def _tensor(numbers: list) -> Tensor:
     """Raises TypeError, ValueError or OverflowError for anything but numbers in rows of equal length."""
-    return torch.tensor(numbers, dtype=torch.float64).float()
+    return torch.tensor(numbers, dtype=torch.float32)
 
 
 def _fits(found: Tensor, like: Tensor) -> bool:

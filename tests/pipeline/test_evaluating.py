@@ -80,8 +80,10 @@ def test_the_known_truth_of_a_synthetic_scene_is_measured_too(trained, small_sce
         shutil.copy(small_scene / name, small_scene / "truth" / "clean" / name)
         cv2.imwrite(str(small_scene / "truth" / "masks" / name), np.full((36, 48), 255, np.uint8))
     heard = Heard()
-    means = pipeline.evaluate(trained[0], "half", heard, refine=False).means()
+    results = pipeline.evaluate(trained[0], "half", heard, refine=False)
+    means = results.means()
     shutil.rmtree(small_scene / "truth")
+    assert results.lpips_backbone == lpips.BACKBONE
     assert means["photo"]["zero_shot"] == means["clean_right"]["zero_shot"] != means["clean"]["zero_shot"]
     assert (
         any(line.startswith("mask IoU: ") for line in heard.lines) and "LPIPS: 2 photos too small for it" in heard.lines

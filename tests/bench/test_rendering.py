@@ -1,12 +1,13 @@
-"""Levers: at the contract's values they change nothing; beyond them they trade quality for time as they should."""
+"""Levers: at the contract's values they change nothing; beyond them they trade quality for time, which is timed fairly."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 import torch
 
 import core.rasterizer
-from core.bench import rendering, small_scene
+from core.bench import rendering, small_scene, stopwatch
 from core.bench.levers import UNTHRESHOLDED, Levers, draw
 from core.bench.rendering import DEFINITION, choices, rendering_figure
 from core.rasterizer.contract import ALPHA_MIN
@@ -73,3 +74,23 @@ def test_the_definition_is_timed_whole_only_where_that_takes_seconds():
     large = [replace(view, width=4000, height=3000) for view in cameras]
     assert any(choice.label == "no tiles" for choice in choices(splats, cameras))
     assert not any(choice.label == "no tiles" for choice in choices(splats, large))
+
+
+@pytest.mark.parametrize(
+    "budget, seconds, counted",
+    [
+        (6, (5, 1, 2, 3), (1, 2, 3)),  # the first warms up
+        (6.5, (5, 1, 2, 3, 9), (1, 2, 3, 9)),
+        (4, (5, 1, 2), (5, 1, 2)),  # too long for a call that does not count
+        (1e9, [1] * (stopwatch.MOST + 1), [1] * stopwatch.MOST),
+    ],
+)
+def test_as_many_repeats_are_timed_as_fit_into_the_budget(monkeypatch, budget, seconds, counted):
+    now, left = [0.0], list(seconds)
+    monkeypatch.setattr(stopwatch, "time", SimpleNamespace(perf_counter=lambda: now[0]))
+
+    def work() -> int:
+        now[0] += left.pop(0)
+        return len(left)
+
+    assert stopwatch.timed(work, budget) == (0, stopwatch.Spread.of(counted)) and not left

@@ -44,9 +44,8 @@ def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Findi
 
 
 def _count(name: str, flags: torch.Tensor, meaning: str) -> Finding:
-    count = int(flags.sum())
-    advice = "Export the file again; `wegs bake` leaves them out." if count else ""
-    return counting(name, count, len(flags), meaning, advice, "Remove those rows, or export the file again.")
+    advice = "Export the file again; `wegs bake` leaves them out."
+    return counting(name, int(flags.sum()), len(flags), meaning, advice, "Remove those rows, or export the file again.")
 
 
 def _unconverted(values: torch.Tensor, share: float = 1.0) -> bool:

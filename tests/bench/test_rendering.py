@@ -1,4 +1,4 @@
-"""Levers: at the contract's values they change nothing; beyond them they trade quality for time, which is timed fairly."""
+"""Levers: at the contract's values they change nothing; beyond them they trade quality for time. How that is timed."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -4,7 +4,9 @@ import pytest
 import torch
 
 from core.rasterizer.view import view_of
+from core.training.gaussians import densify
 from core.training.losses import regularisers
+from core.training.losses.objective import TRANSIENT_EVERY
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
 from tests.training.moments import moment_at
 
@@ -24,6 +26,31 @@ def shown(trainer) -> tuple[torch.Tensor, Target, torch.Tensor]:
         target,
         trainer.model.read(trainer.photos[0].encoder_input, 0).mask,
     )
+
+
+def test_a_step_tells_the_sum_of_all_losses_and_gathers_gradients_in_halves_of_its_picture(trainer_of, monkeypatch):
+    trainer = trainer_of(steps=90, coarse_until=1.0, mask_start=0.0, mask_apply=0.0, transient_regularisation=1e-4)
+    torch.nn.init.constant_(trainer.model.encoder.unet.up_2.bias, -5.0)  # masks that hide
+    trainer.gaussians.parameters["logit_opacities"].zero_()
+    trainer.state.done = 2 * TRANSIENT_EVERY - 1
+    trainer.step()  # until which residuals are zero
+    losses = {}
+
+    def kept(name, honest):
+        def loss_of(*call):
+            found = honest(*call)
+            losses[name] = float((found.loss if name == "residual" else found).detach())
+            return found
+
+        return loss_of
+
+    for name in ("picture", "transient", "residual", "mask", "gauge"):
+        monkeypatch.setattr(trainer.objective, name, kept(name, getattr(trainer.objective, name)))
+    drawn, gathered = recorded(monkeypatch, trainer.rasterizer, "render"), recorded(monkeypatch, densify, "gather")
+    told = trainer.step().loss
+    assert told == pytest.approx(sum(losses.values()), rel=1e-6) and min(losses.values()) > 1e-4 * told
+    camera = drawn[0][1]
+    assert gathered[0][3].tolist() == [camera.width / 2, camera.height / 2]
 
 
 def test_masks_are_taught_from_mask_start_on(trainer_of):

@@ -16,7 +16,6 @@ from core.words import Note, counted, list_names
 
 Item = TypeVar("Item")
 
-ROUNDING = 1e-6  # relative, of numbers that are written and read again; of positions, in the scene frame
 SHOWN = 0.5  # share of a photo's own points that its camera should see
 SAMPLE = 10_000  # points to look at where no file says which photo sees which: a million take 0.7 s a photo
 CHECK_POSES = (
@@ -115,13 +114,6 @@ class Collection:
         now, then = ({photo.name: photo for photo in one.photos} for one in (self, before))
         both = {name for name in now.keys() & then.keys() if now[name].same_split_and_camera(then[name])}
         return sorted((now.keys() | then.keys()) - both)
-
-    def in_world_of(self, before: "Collection") -> bool:
-        """Whether the photos of both have the same cameras in world units.
-        Cameras that were found anew are in another world frame."""
-        now = {photo.name: photo.camera.in_world(self.frame).in_scene(before.frame).numbers() for photo in self.photos}
-        then = {photo.name: photo.camera.numbers() for photo in before.photos if photo.name in now}
-        return bool(then) and all(np.allclose(now[name], then[name], rtol=ROUNDING, atol=ROUNDING) for name in then)
 
     def called(self, name: str) -> Photo | None:
         """The only photo that may be called `name`."""

@@ -112,8 +112,9 @@ def _anywhere(width: int, height: int) -> Camera:
 
 
 def _is_there(end: Located, least_share: float) -> bool:
-    """Whether enough agrees where a way ends: at least this share of the matches, and the more, the fewer these are."""
-    return end.agreeing >= max(least_share * end.matched, LEAST_AGREEING * end.matched / end.agreeing)
+    """Whether enough agrees where a way ends: at least this share of the matches, and the more, the smaller it is."""
+    share = end.agreeing / end.matched
+    return share >= least_share and share * end.agreeing >= LEAST_AGREEING
 
 
 def _followed(trained: TrainedRun, baked: Splats, shown: Shown, camera: Camera) -> Located | None:

@@ -237,7 +237,7 @@ def test_a_photo_is_located_without_the_scene_and_its_points(trained, tmp_path, 
 @pytest.mark.parametrize(
     ("agreeing", "matched", "is_found"), [(120, 237, False), (100, 107, True), (400, 740, True), (60, 60, False)]
 )
-def test_the_fewer_places_match_the_more_must_agree(trained, monkeypatch, agreeing, matched, is_found):
+def test_the_smaller_the_share_that_agrees_the_more_must_agree(trained, monkeypatch, agreeing, matched, is_found):
     """120 of 237 agree by chance where a photo is too blurred to show anything; 100 of 107 where one is tiny."""
     photo = trained.collection.photo("0.png")
     end = Located(photo.camera, agreeing, matched)

@@ -46,12 +46,12 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
     for number, (photo, camera) in enumerate(posed, 1):
         name = f"{number:06d}.jpg"
         with suppress(BadInput):
-            cameras[name] = photo, write_picture(photo, camera, work, name)
+            cameras[name] = photo, _write_picture(photo, camera, work, name)
         report.progress("Photos", number, len(posed))
     return cameras
 
 
-def write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
+def _write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camera:
     """Write a photo, undistorted and shrunk to LONG_SIDE_PX, and its mask; returns its camera at that size.
     BadInput if it cannot be decoded."""
     camera = camera.within(LONG_SIDE_PX)

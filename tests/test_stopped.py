@@ -89,7 +89,7 @@ def test_a_disk_that_is_full_after_the_last_step_says_how_to_finish(scene, tmp_p
     monkeypatch.setattr(training, "write_preview", failing(disk_full("preview.png")))
     said = "preview.png was not written. All steps are kept. Free some space, then type: wegs train --resume -o"
     with pytest.raises(DiskFull, match=said):
-        pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
+        pipeline.train(scene, small_settings(steps=STEPS, checkpoints=1), tmp_path / "run")
 
 
 def test_a_step_whose_progress_cannot_be_printed_is_saved(scene, tmp_path):

@@ -1,13 +1,15 @@
-"""A first impression of a trained run without a viewer: photos beside the scene in their looks."""
+"""A first impression of a run, in training or finished, without a viewer: photos beside the scene in their looks."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
+import torch
+
+from core.appearance.colouring import Colouring
 from core.data.collection import spread_over
 from core.export.labelled_sheet import labelled_sheet
 from core.export.pictures import tile, to_8_bit, write_png
-from core.looks.find_look import look_of_photo
-from core.looks.trained import TrainedRun, bake, drawn, neutral_look
+from core.looks.trained import Look, TrainedRun, bake, drawn, neutral_look
 from core.run.run_folders import PREVIEW
 from core.run.sized_photo import SizedPhoto
 
@@ -24,8 +26,17 @@ def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
     )
     neutral, rows = bake(trained, neutral_look(trained)), []
     for sized in spread_over(photos, PHOTOS):
-        own = [bake(trained, look_of_photo(trained, sized.photo, refine=False))] if trained.has_looks else []
+        own = [bake(trained, _as_read(trained, sized))] if trained.has_looks else []
         pictures = [to_8_bit(drawn(trained, baked, sized.camera)) for baked in (*own, neutral)]
         rows.append((sized.photo.name, [tile(pixels) for pixels in (sized.pixels, *pictures)]))
     write_png(path := trained.folder / PREVIEW, labelled_sheet(columns, rows))
     return path
+
+
+@torch.no_grad()
+def _as_read(trained: TrainedRun, sized: SizedPhoto) -> Look:
+    """The look of a training photo as the model reads it now, in the midst of training as well.
+    The photo's file is not needed, which may be gone by then."""
+    name = sized.photo.name
+    reading = trained.model.read(sized.encoder_input, trained.model.photo_names.index(name))
+    return Look(name, f"training photo {name}", Colouring(reading.embedding))

@@ -130,6 +130,10 @@ def _train(trainer: Trainer, report: Report) -> Path:
     with StopRequest() as stop, saved_if_room_runs_out(trainer):
         for step in trainer.train():
             tell_step(step, settings, report)
+            if step.step in trainer.saves and step.step < settings.steps:
+                preview = write_preview(load_run(folder), trainer.photos)
+                if step.step == min(trainer.saves):
+                    report.say(f"To look at meanwhile: {preview}")
             if stop.asked and step.step < settings.steps:
                 trainer.save()
                 raise KeyboardInterrupt(f"Step {step.step} is kept; go on with: {advice}")

@@ -77,7 +77,8 @@ class Trainer:
     """One run. On a CPU, interrupting and resuming it changes no bit of the result.
 
     settings: as given, with what was left open decided from the photos. decisions: what was decided, and why; none for
-    a resumed run. report: is told how far the decoding of photos is, and what a long step is busy with.
+    a resumed run. saves: the steps after which a checkpoint is written. report: is told how far the decoding of photos
+    is, and what a long step is busy with.
     """
 
     def __init__(self, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET):
@@ -115,6 +116,7 @@ class Trainer:
         self.density = DensityControl(
             settings, collection.points, self.photos, self.model, self.rasterizer, self.generator, report
         )
+        self.saves = schedule.evenly(settings.checkpoints, settings.steps)
         self.state = RunState.at_start(len(self.photos))
         self.last_losses = guards.LastLosses(self.state.last_losses)
         self.ahead: Draw | None = None  # the next step, if it was prepared while a GPU computed the last one
@@ -147,7 +149,6 @@ class Trainer:
         checkpoints and history.csv are written on the way."""
         settings, state = self.settings, self.state
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
-        saves = schedule.evenly(settings.checkpoints, settings.steps)
         while state.done < settings.steps:
             start = time.perf_counter()
             report = self.step()
@@ -160,7 +161,7 @@ class Trainer:
             )
             if state.done in checks or state.done % max(1, settings.steps // 100) == 0:
                 history.add_row(self.folder, COLUMNS, vars(report))
-            if state.done in saves:
+            if state.done in self.saves:
                 self.save()
             yield report
 

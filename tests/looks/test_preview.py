@@ -58,3 +58,10 @@ def test_a_run_of_one_look_shows_it_once_and_few_photos_make_few_rows(trained):
     sheet = cv2.imread(str(write_preview(plain, [photos[0], photos[1]])))
     height, width = photos[0].pixels.shape[:2]
     assert sheet.shape[:2] == (LABEL_PX + 2 * (height + GAP_PX + LABEL_PX), 2 * (width + GAP_PX))
+
+
+def test_a_run_in_training_is_shown_without_the_files_of_its_photos(trained):
+    photos = list(training_photos(trained))
+    finished = write_preview(trained, photos).read_bytes()
+    gone = [replace(sized, photo=replace(sized.photo, path=sized.photo.path / "gone")) for sized in photos]
+    assert write_preview(replace(trained, photo_embeddings=None), gone).read_bytes() == finished

@@ -28,6 +28,7 @@ def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained
         "! photo_7.png was dropped",
         "48x36 px",
         "held-out PSNR",
+        f"To look at meanwhile: {folder / 'preview.png'}",
         "Next: wegs bake",
     ):
         assert words in said
@@ -46,7 +47,7 @@ def test_ctrl_c_saves_the_step_and_the_run_is_resumed_as_if_nothing_had_happened
     with pytest.raises(KeyboardInterrupt, match="Step 5 is kept.*--resume"):
         pipeline.train(small_scene, small_settings(steps=STEPS), folder, StopsAtStep(5))
     assert signal.getsignal(signal.SIGINT) is handler
-    assert not (folder / "point_cloud").exists()
+    assert not (folder / "point_cloud").exists() and not (folder / "preview.png").exists()
     with (folder / "history.csv").open("a") as file:
         file.write("9,0.1,400,0.3,0.3,1.0,0.0,\n")  # as if it had gone on and then been killed
     heard = Heard()
@@ -67,6 +68,15 @@ def test_ctrl_c_saves_the_step_and_the_run_is_resumed_as_if_nothing_had_happened
     shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
     pipeline.resume(folder)
     assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()
+
+
+def test_the_scene_so_far_is_shown_anew_at_every_checkpoint(small_scene, tmp_path):
+    settings, shown = small_settings(steps=STEPS, checkpoints=3), set()
+    for stop in (5, 9):
+        with pytest.raises(KeyboardInterrupt):
+            pipeline.train(small_scene, settings, tmp_path / f"run {stop}", StopsAtStep(stop))
+        shown.add((tmp_path / f"run {stop}" / "preview.png").read_bytes())
+    assert len(shown) == 2
 
 
 def test_no_checkpoint_stays_in_memory_while_a_resumed_run_is_trained(small_scene, tmp_path, monkeypatch):

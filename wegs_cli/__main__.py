@@ -11,7 +11,7 @@ def run() -> None:
 
         run()
     except KeyboardInterrupt:
-        sys.exit(130)  # INTERRUPTED of `wegs_cli.main`
+        sys.exit(130)  # INTERRUPTED of `wegs_cli.stops`
 
 
 if __name__ == "__main__":

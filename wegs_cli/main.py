@@ -3,16 +3,16 @@
 import errno
 import importlib.util
 import os
-import signal
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
-from types import FrameType
 from typing import Any, NoReturn
 
 import click
+
+from wegs_cli.stops import INTERRUPTED, end_at_once, ignore_stops, say_last
 
 # Command -> function. None of these modules imports torch before its command runs.
 COMMANDS = {
@@ -25,7 +25,6 @@ COMMANDS = {
     "doctor": "wegs_cli.doctor:doctor",
 }
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
-INTERRUPTED = 130  # what shells report for Ctrl-C
 
 
 class OneLineErrors(click.Command):
@@ -48,8 +47,7 @@ class OneLineErrors(click.Command):
                 raise
             at_end()
             line, code = answer
-            line = f"wegs: {on_one_line(line)}"
-            click.echo(line if os.environ.get("NO_COLOR") else click.style(line, fg="red"), err=True)
+            say_last(on_one_line(line))
         sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -159,20 +157,6 @@ def wegs(memory: float | None) -> None:
         hold_to(memory)
 
 
-def _hang_up(number: int, frame: FrameType | None) -> None:
-    """Treat a closed terminal as a single Ctrl-C, although its shell and the system both send the signal."""
-    signal.signal(number, signal.SIG_IGN)
-    signal.default_int_handler(number, frame)
-
-
-def _ignore_stops() -> None:
-    """Ignore further signals while the last line is printed: a second Ctrl-C would put a traceback in its place."""
-    from core.training.interrupt import STOPS  # late, as in `explain`
-
-    for number in STOPS:
-        signal.signal(number, signal.SIG_IGN)
-
-
 def run() -> None:
     """The console command `wegs`."""
     try:
@@ -191,10 +175,6 @@ def run() -> None:
         if isinstance(stream, TextIOWrapper):
             # A character that the terminal cannot show appears as its code.
             stream.reconfigure(errors="backslashreplace")
-    # SIGTERM, from job schedulers and `kill`, is treated as Ctrl-C: half-written files and folders are removed, a
-    # training is kept.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # ignored under nohup
-        signal.signal(signal.SIGHUP, _hang_up)
+    end_at_once()
     prepare()
-    wegs(prog_name="wegs", at_end=_ignore_stops)
+    wegs(prog_name="wegs", at_end=ignore_stops)

@@ -19,6 +19,7 @@ from rich.table import Table
 from core.kernels.compiled import compiling_told
 from core.report import Report
 from core.words import on_one_line
+from wegs_cli.stops import work_begins
 
 WIDE = 80  # columns; a narrower terminal shows what is done and the time left, no bar and no note
 NAMING = 2  # the first columns of a table with a header say what its row is about
@@ -49,7 +50,7 @@ def _reader_may_leave() -> Iterator[None]:
 
 
 class Terminal(Report):
-    """A Report for people. Use it as a context manager: leaving it clears the progress bar."""
+    """A Report for people. Use it as a context manager around the work: leaving it clears the progress bar."""
 
     def __init__(self):
         self.console = Pipe(markup=False, emoji=False, highlight=False)  # [old] and :sun: are parts of paths
@@ -59,6 +60,7 @@ class Terminal(Report):
         self.compiling = compiling_told(self)
 
     def __enter__(self) -> Self:
+        work_begins()
         self.compiling.__enter__()
         return self
 

@@ -133,18 +133,44 @@ def test_a_command_to_type_can_be_pasted():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_a_signal_to_end_is_a_ctrl_c_also_once_the_engine_is_loaded(tmp_path, name):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_during_the_work_lets_it_tidy_up(tmp_path, name):
     """pycolmap, which core.data imports, sets a handler of its own for SIGTERM."""
     lines = (
         "import os, signal, click, core.data",
+        "from wegs_cli.terminal import Terminal",
         "@click.command()",
         "def stop():",
-        f"    os.kill(os.getpid(), signal.{name})",
+        "    with Terminal() as terminal:",
+        "        try:",
+        f"            os.kill(os.getpid(), signal.{name})",
+        "        finally:",
+        "            terminal.say('tidied')",
     )
     (tmp_path / "stopped.py").write_text("\n".join(lines))
     program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-    program += f"signal.signal(signal.{name}, signal.SIG_DFL)\n"  # nohup leaves SIGHUP ignored
+    program += f"signal.signal(signal.{name}, signal.SIG_DFL)\n"  # nohup leaves SIGHUP ignored, a shell's jobs SIGINT
+    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
+    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "tidied\n", "wegs: Stopped.")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_while_torch_loads_ends_the_program_at_once(tmp_path, name):
+    """Parts of torch swallow a KeyboardInterrupt, or end the program by it with C++ addresses."""
+    lines = (
+        "import os, signal, click",
+        "@click.command()",
+        "def stop():",
+        "    try:",
+        f"        os.kill(os.getpid(), signal.{name})",
+        "    except KeyboardInterrupt:",
+        "        print('goes on')",
+    )
+    (tmp_path / "stopped.py").write_text("\n".join(lines))
+    program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    program += f"signal.signal(signal.{name}, signal.SIG_DFL)\n"
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
     done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")

@@ -49,8 +49,8 @@ class Settings:
     )
     resolution: int = setting(
         UNDECIDED,
-        "Size of the photos in training. 1, 2, 4 or 8: divided by that; larger numbers: a width in px. "
-        f"auto: shrunk to a mean of {AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
+        "Size of the photos in training. 1, 2, 4 or 8: divided by that; larger numbers: a width in px. auto: large "
+        f"ones shrunk, to a mean of {AUTO_PIXELS['cpu']:,} pixels on a CPU, {AUTO_PIXELS['cuda']:,} on a GPU.",
         low=1,
         auto=True,
     )

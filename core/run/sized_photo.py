@@ -36,30 +36,40 @@ def check_resolution(resolution: int) -> None:
 @dataclass(frozen=True)
 class Sizes:
     """What sizes the photos of a run are used at. resolution, encoder_side_px: the settings.
-    factor: divides where resolution is auto."""
+    most: pixels of a photo where resolution is auto."""
 
     resolution: int
-    factor: float
     encoder_side_px: int
+    most: float = math.inf
 
     @staticmethod
     def of(settings: Settings, photos: Sequence[Photo]) -> "Sizes":
-        """Of all photos of a collection:
-        at -r auto the mean one gets the AUTO_PIXELS of the device, and none is enlarged."""
-        mean = sum(photo.camera.width * photo.camera.height for photo in photos) / len(photos)
-        most = AUTO_PIXELS["cuda" if settings.device == "cuda" else "cpu"]
-        return Sizes(settings.resolution, max(1.0, math.sqrt(mean / most)), settings.encoder_side_px)
+        """Of all photos of a collection: at -r auto the mean one gets the AUTO_PIXELS of the device. None is enlarged,
+        and only the larger ones are shrunk, to the same number of pixels: one huge photo must not take those of all."""
+        mean = AUTO_PIXELS["cuda" if settings.device == "cuda" else "cpu"]
+        areas = [photo.camera.width * photo.camera.height for photo in photos]
+        return Sizes(settings.resolution, settings.encoder_side_px, _ceiling(areas, mean))
 
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo at the size that it is trained at."""
         width, height = photo.camera.width, photo.camera.height
         if self.resolution == UNDECIDED:
-            factor = self.factor
+            factor = max(1.0, math.sqrt(width * height / self.most))
         elif self.resolution in DIVISORS:
             factor = self.resolution
         else:
             factor = max(width / self.resolution, 1)
         return photo.camera.resized(max(1, round(width / factor)), max(1, round(height / factor)))
+
+
+def _ceiling(numbers: Sequence[int], mean: float) -> float:
+    """To what the largest of the numbers have to be lowered for all to have this mean; infinite if theirs is less."""
+    left = mean * len(numbers)
+    for place, number in enumerate(sorted(numbers)):
+        if (share := left / (len(numbers) - place)) <= number:
+            return share
+        left -= number
+    return math.inf
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def test_cached_targets_take_a_share_of_the_memory_that_there_is(monkeypatch):
     assert share < sized_photos.TARGET_BYTES
     for gib, most in ((None, sized_photos.TARGET_BYTES), (50, sized_photos.TARGET_BYTES), (8, share)):
         monkeypatch.setattr(memory, "room", lambda gib=gib: gib and gib * memory.GIB)
-        assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 1.0, 64))._most_bytes == most
+        assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 64))._most_bytes == most
 
 
 @pytest.mark.parametrize("gib", [float("inf"), float("nan"), 16e9, 1e300, 0.2, 0, -1])

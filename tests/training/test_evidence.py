@@ -157,7 +157,7 @@ def test_without_photos_from_nearby_nothing_is_said_of_passers_by(random):
 
 def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see_them(tmp_path):
     collection = known_collection(tmp_path, photos=8)
-    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    photos = SizedPhotos(collection.photos, Sizes(1, 32)).photos
     hidden = photos[3].photo.points[:40]
     fewer = replace(photos[3], photo=replace(photos[3].photo, points=photos[3].photo.points[40:]))
     found = find_sightings(collection.points, [*photos[:3], fewer, *photos[4:]])
@@ -176,7 +176,7 @@ def test_sightings_are_where_the_points_are_and_expected_where_nearby_photos_see
 
 def test_texture_finer_than_features_are_off_is_no_colour(tmp_path):
     collection = known_collection(tmp_path, plain, photos=4)
-    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    photos = SizedPhotos(collection.photos, Sizes(1, 32)).photos
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     chequered = np.repeat(255 * ((rows + columns) % 2)[..., None], 3, axis=2).astype(np.uint8)
     found = find_sightings(collection.points, [replace(photo, pixels=chequered) for photo in photos])
@@ -198,7 +198,7 @@ def test_a_photo_is_near_another_that_looks_at_a_point_from_as_far_away():
 
 def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
     collection = known_collection(tmp_path, plain, photos=8)
-    photos = SizedPhotos(collection.split("train"), Sizes(1, 1.0, 32)).photos
+    photos = SizedPhotos(collection.split("train"), Sizes(1, 32)).photos
     everywhere = find_sightings(collection.points, photos)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     empty, valid = (255 * (columns < WIDTH // 2)).astype(np.uint8), rows >= HEIGHT // 2
@@ -212,7 +212,7 @@ def test_points_are_seen_where_a_photo_is_valid_and_not_empty(tmp_path):
 def test_a_point_behind_others_is_not_expected(tmp_path):
     """The place itself may hide it: only points that ought to be visible tell of passers-by."""
     collection = known_collection(tmp_path, photos=8)
-    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    photos = SizedPhotos(collection.photos, Sizes(1, 32)).photos
     found = find_sightings(collection.points, photos)
     expected = found[~found.matched]
     possible = len(photos) * len(np.unique(found.point)) - found.matched.sum()
@@ -221,7 +221,7 @@ def test_a_point_behind_others_is_not_expected(tmp_path):
 
 def test_too_few_points_give_no_figures(tmp_path):
     collection = known_collection(tmp_path, photos=6)
-    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    photos = SizedPhotos(collection.photos, Sizes(1, 32)).photos
     few = [replace(p, photo=replace(p.photo, points=p.photo.points[:30])) for p in photos]
     assert gather_evidence(collection.points, few).colour_spread is None
     shared = reduce(np.intersect1d, [p.photo.points for p in photos])[:60]
@@ -235,7 +235,7 @@ def test_too_few_points_give_no_figures(tmp_path):
 
 def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
     collection = known_collection(tmp_path, photos=6)
-    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    photos = SizedPhotos(collection.photos, Sizes(1, 32)).photos
     own, shared = np.arange(60), np.arange(60, len(collection.points))
     seen = [shared] * 5 + [own]
     photos = [
@@ -250,5 +250,5 @@ def test_a_photo_that_shares_its_points_with_none_is_not_judged(tmp_path):
 
 def test_figures_do_not_change_from_call_to_call(tmp_path):
     collection = known_collection(tmp_path, crowded, photos=12)
-    photos = SizedPhotos(collection.photos, Sizes(1, 1.0, 32)).photos
+    photos = SizedPhotos(collection.photos, Sizes(1, 32)).photos
     assert gather_evidence(collection.points, photos) == gather_evidence(collection.points, photos)

@@ -87,7 +87,7 @@ def test_masks_that_are_inverted_by_mistake_are_noticed(tmp_path):
         for mask in (tmp_path / "masks").iterdir() if inverted else ():
             cv2.imwrite(str(mask), 255 - cv2.imread(str(mask)))
         given = with_masks_in(collection, tmp_path / "masks").split("train")
-        notes = SizedPhotos(given, Sizes(1, 1.0, 32)).notes
+        notes = SizedPhotos(given, Sizes(1, 32)).notes
         assert notes == (
             ["The masks leave 19% of their photos: white is what is used. Invert them if it marks what is not."]
             * inverted

@@ -26,7 +26,7 @@ SIDE_PX = 32
 
 def test_a_given_width_never_enlarges_photos(tmp_path):
     photo = small_collection(tmp_path, photos=1).photos[0]
-    cameras = [Sizes(width, 1.0, SIDE_PX).camera(photo) for width in (24, WIDTH, 640)]
+    cameras = [Sizes(width, SIDE_PX).camera(photo) for width in (24, WIDTH, 640)]
     assert [(camera.width, camera.height) for camera in cameras] == [(24, 18), (WIDTH, HEIGHT), (WIDTH, HEIGHT)]
 
 
@@ -36,12 +36,21 @@ def test_by_default_the_mean_photo_gets_as_many_pixels_as_the_device_affords(tmp
     for device, mean in (("cpu", 200_000), ("cuda", 1_200_000)):  # a GPU affords more than they have, and enlarges none
         cameras = list(map(Sizes.of(small_settings(device=device), photos).camera, photos))
         assert np.mean([camera.width * camera.height for camera in cameras]) == pytest.approx(mean, rel=0.01)
-        assert cameras[0].width == pytest.approx(2 * cameras[1].width, abs=1)
+
+
+def test_one_huge_photo_leaves_the_others_their_size(tmp_path):
+    photo = small_collection(tmp_path, photos=1).photos[0]
+    sizes = [(12_000, 9_000), *[(480, 360)] * 8, (1600, 1200)]
+    photos = [replace(photo, camera=photo.camera.resized(*size)) for size in sizes]
+    cameras = list(map(Sizes.of(small_settings(), photos).camera, photos))
+    assert [(camera.width, camera.height) for camera in cameras[1:9]] == [(480, 360)] * 8
+    assert cameras[0].width == cameras[9].width < 1600
+    assert np.mean([camera.width * camera.height for camera in cameras]) == pytest.approx(200_000, rel=0.01)
 
 
 def test_a_target_that_is_made_again_is_the_same(tmp_path):
     photos = small_collection(tmp_path).split("train")
-    kept, small = (SizedPhotos(photos, Sizes(1, 1.0, SIDE_PX)) for _ in range(2))
+    kept, small = (SizedPhotos(photos, Sizes(1, SIDE_PX)) for _ in range(2))
     small._most_bytes = 1
     for factor in (1, 2):
         for index in (0, 1, 0):
@@ -52,7 +61,7 @@ def test_a_target_that_is_made_again_is_the_same(tmp_path):
 
 def test_targets_of_an_earlier_size_are_freed(tmp_path):
     """A step that is taken back may ask for one once more."""
-    photos = SizedPhotos(small_collection(tmp_path).split("train"), Sizes(1, 1.0, SIDE_PX))
+    photos = SizedPhotos(small_collection(tmp_path).split("train"), Sizes(1, SIDE_PX))
     first = weakref.ref(photos.target(0, 2)[1])
     again = photos.target(0, 2)[1]
     assert first() is again
@@ -69,9 +78,7 @@ def test_a_shrunk_target_leaves_out_what_is_more_hidden_than_not(tmp_path):
     mask[:, 4:5] = mask[:, 9:24] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
     valid = (
-        SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX))
-        .target(0, 4)[1]
-        .valid
+        SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, SIDE_PX)).target(0, 4)[1].valid
     )
     expected = torch.ones(HEIGHT // 4, WIDTH // 4, dtype=torch.bool)
     expected[:, 2:6] = False
@@ -86,9 +93,7 @@ def test_if_a_mask_hides_most_of_every_shrunk_pixel_the_least_hidden_ones_count(
     mask[::4, 0] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
     valid = (
-        SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, 1.0, SIDE_PX))
-        .target(0, 4)[1]
-        .valid
+        SizedPhotos((replace(photo, mask=GivenMask(tmp_path / "mask.png")),), Sizes(1, SIDE_PX)).target(0, 4)[1].valid
     )
     assert valid[:, :2].all() and not valid[:, 2:].any()
 
@@ -99,7 +104,7 @@ def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
     pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
     cv2.circle(pixels, (24, 18), 14, (0, 0, 0, 255), -1)
     cv2.imwrite(str(tmp_path / "disc.png"), pixels)
-    photos = SizedPhotos((replace(photo, path=tmp_path / "disc.png"),), Sizes(1, 1.0, SIDE_PX))
+    photos = SizedPhotos((replace(photo, path=tmp_path / "disc.png"),), Sizes(1, SIDE_PX))
     for factor in (1, 2, 4):
         target = photos.target(0, factor)[1]
         assert target.valid.any() and not target.valid.all() and not target.planes.any()
@@ -122,7 +127,7 @@ def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_ar
     each = module.DECODED_BYTES * WIDTH * HEIGHT
     monkeypatch.setattr(memory, "room", lambda: None if held is None else memory.OTHER_BYTES + held * each)
     torch.set_num_threads(threads)
-    found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX), report=heard)
+    found = SizedPhotos(tuple(photos), Sizes(1, SIDE_PX), report=heard)
     assert [(sized.photo.name, sized.pixels[0, 0, 0]) for sized in found] == [
         (f"{n:02d}.png", 5 * n) for n in range(40) if n not in (7, 31)
     ]
@@ -156,9 +161,9 @@ path = folder / "all.jpg"
 cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 255, (240, 320, 3), np.uint8))
 one = replace(one, path=path, camera=one.camera.resized(320, 240))
 memory.hold_to(8)
-SizedPhotos((one,) * 8, Sizes(1, 1.0, 144))
+SizedPhotos((one,) * 8, Sizes(1, 144))
 before = taken()
-found = SizedPhotos((one,) * 200, Sizes(1, 1.0, 144))
+found = SizedPhotos((one,) * 200, Sizes(1, 144))
 print((taken() - before) / sum(sized.pixels.nbytes + sized.encoder_input.nbytes for sized in found))
 """
 
@@ -180,7 +185,7 @@ def test_photos_are_decoded_one_by_one_where_memory_is_small_or_no_more_threads_
     )
     monkeypatch.setattr(module, "DECODERS", decoders)
     monkeypatch.setattr(memory, "room", lambda: room)
-    assert len(SizedPhotos(photos, Sizes(1, 1.0, SIDE_PX))) == 6 and decoding == {threading.get_ident()}
+    assert len(SizedPhotos(photos, Sizes(1, SIDE_PX))) == 6 and decoding == {threading.get_ident()}
 
 
 def sized(tmp_path, sizes_px: list[tuple[int, int]], share_canvas: bool = True) -> SizedPhotos:
@@ -189,7 +194,7 @@ def sized(tmp_path, sizes_px: list[tuple[int, int]], share_canvas: bool = True) 
     photos = [
         replace(photo, name=f"{number}.png", camera=photo.camera.resized(*size)) for number, size in enumerate(sizes_px)
     ]
-    found = SizedPhotos(tuple(photos), Sizes(1, 1.0, SIDE_PX))
+    found = SizedPhotos(tuple(photos), Sizes(1, SIDE_PX))
     found.share_canvas = share_canvas
     return found
 

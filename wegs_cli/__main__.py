@@ -11,7 +11,7 @@ def run() -> None:
 
         run()
     except KeyboardInterrupt:
-        sys.exit(130)  # INTERRUPTED of `wegs_cli.stops`
+        sys.exit(130)  # INTERRUPTED of `wegs_cli.main`
 
 
 if __name__ == "__main__":

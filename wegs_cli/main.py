@@ -12,8 +12,6 @@ from typing import Any, NoReturn
 
 import click
 
-from wegs_cli.stops import INTERRUPTED, end_at_once, ignore_stops, say_last
-
 # Command -> function. None of these modules imports torch before its command runs.
 COMMANDS = {
     "train": "wegs_cli.train:train",
@@ -24,6 +22,7 @@ COMMANDS = {
     "sfm": "wegs_cli.sfm:sfm",
     "doctor": "wegs_cli.doctor:doctor",
 }
+INTERRUPTED = 130  # what shells report for Ctrl-C
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
 
 
@@ -157,6 +156,12 @@ def wegs(memory: float | None) -> None:
         hold_to(memory)
 
 
+def say_last(line: str) -> None:
+    """Print the line that the program ends with."""
+    line = f"wegs: {line}"
+    click.echo(line if os.environ.get("NO_COLOR") else click.style(line, fg="red"), err=True)
+
+
 def run() -> None:
     """The console command `wegs`."""
     try:
@@ -168,6 +173,7 @@ def run() -> None:
         line = f"wegs: The package `core` comes from {origin}, not from wegs."
         sys.exit(f"{line} Install wegs in a virtual environment of its own, and unset PYTHONPATH.")
     from core.system.process import prepare  # only now is `core` known to be ours
+    from wegs_cli.stops import end_at_once, ignore_stops
 
     # Streams are None if they were closed, as some schedulers do. What stands for them stays open to the end.
     sys.stdout, sys.stderr = (stream or open(os.devnull, "w") for stream in (sys.stdout, sys.stderr))  # noqa: SIM115

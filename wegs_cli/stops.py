@@ -4,17 +4,8 @@ import os
 import signal
 from types import FrameType
 
-import click
-
-INTERRUPTED = 130  # what shells report for Ctrl-C
-HANG_UP = getattr(signal, "SIGHUP", None)  # Windows has none
-STOPS = (signal.SIGINT, signal.SIGTERM) + ((HANG_UP,) if HANG_UP else ())
-
-
-def say_last(line: str) -> None:
-    """Print the line that the program ends with."""
-    line = f"wegs: {line}"
-    click.echo(line if os.environ.get("NO_COLOR") else click.style(line, fg="red"), err=True)
+from core.training.interrupt import HANG_UP, STOPS
+from wegs_cli.main import INTERRUPTED, say_last
 
 
 def end_at_once() -> None:

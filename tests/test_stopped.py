@@ -11,14 +11,14 @@ import pytest
 import torch
 
 from core import pipeline
-from core.errors import DiskFull, TrainingStopped, disk_full
+from core.errors import TrainingStopped, disk_full
 from core.pipeline import evaluating, training
 from core.rasterizer.inputs import ListsTooLarge
 from core.run import checkpoint, history, run_folders
 from core.training.interrupt import HANG_UP
 from core.training.rescue import saved_if_room_runs_out
 from core.training.trainer import Trainer
-from tests.failing import failing
+from tests.failing import DENIED, failing
 from tests.heard import Heard, StopsAtStep
 from tests.small import HEIGHT, WIDTH, small_collection, small_scene, small_settings
 
@@ -86,10 +86,11 @@ def test_a_step_that_cannot_be_added_to_the_history_is_saved(scene, tmp_path):
 
 
 def test_a_disk_that_is_full_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "write_preview", failing(disk_full("preview.png")))
     said = "preview.png was not written. All steps are kept. Free some space, then type: wegs train --resume -o"
-    with pytest.raises(DiskFull, match=said):
-        pipeline.train(scene, small_settings(steps=STEPS, checkpoints=1), tmp_path / "run")
+    for problem, words in ((disk_full("preview.png"), said), (DENIED, "Permission denied")):
+        monkeypatch.setattr(training, "write_preview", failing(problem))
+        with pytest.raises(type(problem), match=words):
+            pipeline.train(scene, small_settings(steps=STEPS, checkpoints=1), tmp_path / words[:7])
 
 
 def test_a_step_whose_progress_cannot_be_printed_is_saved(scene, tmp_path):

@@ -59,12 +59,12 @@ def test_the_definition_has_a_curve_for_every_lever_and_auto_is_the_default():
 def test_a_way_on_several_curves_is_measured_once(monkeypatch):
     monkeypatch.setattr(rendering, "TILES_PX", (16,))
     monkeypatch.setattr(rendering, "ALPHAS", {"1/255": 1.0})
-    monkeypatch.setattr(rendering, "MOST_PAIRS", 0)
     view = camera()
     made = rendering_figure("a cloud", cloud(view, 30, seed=1, degree=1), [view], 5, Report(), 0.0)
     of = {(point.curve, point.label): point.values for point in made.points}
     assert of["reference: alpha threshold", "alpha 1/255"] is of["reference: SH degree", "degree 1"]
     assert of["reference: precision", "float64"]["max_error"].median == 0
+    assert of["reference: tile", "no tiles"]["max_error"].median < REORDERED
     assert 0 < of["cpu: SH degree", "degree 1"]["max_error"].median < 1e-4
     assert made.made_on["seed"] == "5" and made.title.startswith("Rendering a cloud: 30 Gaussians of degree 1, ")
 

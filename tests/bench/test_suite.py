@@ -13,7 +13,8 @@ import torch
 
 from core.appearance import refinement
 from core.automatic import scale_rate
-from core.bench import FIGURES, machine, small_scene, suite
+from core.bench import FIGURES, files, machine, small_scene, suite
+from core.bench.training import training_figure
 from core.errors import BadInput
 from core.looks.find_look import find_look
 from core.looks.trained import bake, load_run
@@ -52,6 +53,40 @@ def test_a_run_is_measured_as_it_is(small_run, tmp_path):
     with pytest.raises(BadInput, match="--force"):
         suite.bench(None, small_run, ("training",), False, tmp_path, Report())
     suite.bench(None, small_run, ("training",), False, tmp_path, Report(), force=True)
+
+
+def test_rendering_alone_trains_nothing_and_is_of_the_built_in_scene_and_of_a_run(small_run, tmp_path, monkeypatch):
+    figure, rendered = training_figure(suite._courses_of([small_run]), "", ()), []
+
+    def drawn(what, splats, cameras, seed, report, budget, name="rendering"):
+        rendered.append((what, len(cameras)))
+        return replace(figure, name=name)
+
+    monkeypatch.setattr(suite, "rendering_figure", drawn)
+    monkeypatch.setattr(suite, "_train", lambda *_: pytest.fail("something was trained"))
+    monkeypatch.setattr(files, "draw_png", lambda figure: b"")
+    for run, names in ((small_run, {"rendering", "rendering-run"}), (None, {"rendering"})):
+        figures = suite.bench(None, run, ("rendering",), False, tmp_path, Report(), force=run is None)
+        assert {figure.name for figure in figures} == {path.stem for path in tmp_path.iterdir()} == names
+    assert rendered == [("the built-in scene", 2), (small_run.name, TINY.cameras), ("the built-in scene", 2)]
+
+
+@pytest.mark.parametrize(
+    "names, wanted",
+    [
+        (("baking",), ["default"]),
+        (("rendering", "refinement"), ["default"]),
+        (("training", "baking"), [name + seed for name in PRESETS for seed in ("", "-1")]),
+    ],
+)
+def test_no_more_is_trained_than_the_figures_need(tmp_path, monkeypatch, names, wanted):
+    trained = {}
+    monkeypatch.setattr(suite, "_train", lambda _, settings, folder, *__: trained.update({folder.name: settings.seed}))
+    collection = small_collection(tmp_path)
+    courses, _, _ = suite._train_presets(collection, names, replace(TINY, seeds=2), tmp_path, Report())
+    assert list(trained) == ["warm-up", *wanted] == ["warm-up", *(path.name for one in courses for path in one.folders)]
+    assert all(seed == name.endswith("-1") for name, seed in trained.items())
+    assert [course.name for course in courses if course.is_default] == ["default"]
 
 
 def test_what_cannot_be_measured_is_refused_before_the_minutes(tmp_path, small_run, monkeypatch):

@@ -164,6 +164,11 @@ def test_several_runs_are_measured_one_at_a_time(asked):
     assert asked == []
 
 
+def test_figures_are_drawn_or_pictures_kept(asked):
+    result = invoke("eval", "--curve", "--pictures")
+    assert result.exit_code == 1 and "Type one of them." in result.stderr and asked == []
+
+
 def test_an_error_of_the_pipeline_is_one_line(monkeypatch):
     monkeypatch.setattr(pipeline, "train", failing(BadInput("There is no folder plaza.", "Give another.")))
     result = invoke("train", "plaza")

@@ -27,11 +27,12 @@ def test_a_log_file_gets_a_line_now_and_then_and_the_last_one(clock, capsys):
             clock[0] += 1.0
             plain.progress("Training", step, 100, f"loss {step}")
         plain.say("[bold] is no markup here")
+        plain.warn(long := "as long as it is, " * 20 + "on one line")
         plain.table("Done", [("run", "runs/a")])
     lines = capsys.readouterr().out.splitlines()
     steps = [int(line.split()[1].split("/")[0]) for line in lines if line.startswith("Training")]
     assert steps == [1, 16, 31, 46, 61, 76, 91, 100]
-    assert lines[-2:] == ["[bold] is no markup here", "run: runs/a"]
+    assert lines[-3:] == ["[bold] is no markup here", long, "run: runs/a"]
     assert not any("\x1b" in line for line in lines)
 
 

@@ -65,7 +65,7 @@ def test_planted_faults_are_counted_and_each_says_what_to_do(tmp_path):
     rows["scale_1"][40:60] = rows["scale_2"][40:60] = rows["scale_0"][40:60] = 2.0
     rows["y"][60] = 5000.0
     rows["f_dc_1"][70:90] = 9.0
-    rows["f_rest_20"][90] = 12.0
+    rows["f_rest_15"][90] = 12.0  # of degree 1
     findings, heard = examined(write(tmp_path / "a.ply", rows))
     figures = {
         "not finite": "2 (0.5 %)",

@@ -9,8 +9,10 @@ from click.testing import CliRunner
 
 from core import pipeline
 from core.doctor import Finding, examine
+from core.doctor import run as module
 from core.errors import BadInput
 from core.run import checkpoint
+from core.run.claim import held
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 from tests.doctor.examined import asked_for, examined
 from tests.doctor.test_ply import refuse
@@ -64,6 +66,27 @@ def test_looks_that_are_all_one_are_blamed_on_what_holds_them(tmp_path, weight, 
     assert examined(folder)[0]["looks"].advice.find(advice) >= 0
 
 
+def test_looks_are_summed_up_by_how_much_they_add_and_differ():
+    added = module._Residuals(small_settings(appearance="full", residual_bound=4.0))
+    for dc in (1.0, -3.9):
+        residual = torch.zeros(5, 4, 3)
+        residual[:, 0] = dc
+        added.add(residual)
+        if dc == 1.0:
+            assert [finding.name for finding in added.findings()] == ["residuals"]  # one look differs from no other
+    residuals, looks = added.findings()
+    assert residuals.figure == "up to 3.9, 12.5 % of them near the bound of 4, over 2 looks"
+    assert looks.figure == "DC coefficients vary by 2.45"
+    added.settings = small_settings(appearance="exposure")  # which has no bound
+    assert added.findings()[0].figure == "up to 3.9, over 2 looks" and not added.findings()[0].advice
+
+
+@pytest.mark.parametrize(("other", "collapsed"), [(0.9, False), (0.5, True)])
+def test_the_photo_whose_mask_hides_most_is_named(other, collapsed):
+    found = module._masks({"b.jpg": other, "c.jpg": 0.3, "a.jpg": other}, False)
+    assert found.figure.endswith("0.30 (least: c.jpg)") and bool(found.advice) == collapsed
+
+
 def test_faults_of_a_run_are_reported_with_a_way_to_go_on(trained, tmp_path):
     folder = tmp_path / "run"
     saved = checkpoint.load(checkpoint.newest(trained))
@@ -115,6 +138,9 @@ def test_a_run_without_its_results_is_not_sound(trained, tmp_path):
     shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been killed after its last step
     steps = examined(tmp_path / "run")[0]["steps"]
     assert "the results were not written" in steps.meaning and "wegs train --resume -o" in steps.advice
+    with held(tmp_path / "run"):
+        steps = examined(tmp_path / "run")[0]["steps"]
+    assert "it is still being trained" in steps.meaning and not steps.advice
     assert not examined(trained)[0]["steps"].advice
 
 

@@ -13,6 +13,7 @@ from core.errors import BadInput, BadSetting, WegsError
 from core.export.ply import read_ply
 from core.looks import look_file
 from core.looks.find_look import find_look
+from core.looks.pruning import Pruned, Pruner
 from core.looks.trained import bake, load_run
 from core.pipeline import interpolating
 from tests.heard import Heard
@@ -77,18 +78,19 @@ def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatc
     assert heard.lines[-2:] == [warning, f"{output}: 2 frames, sheet.png"]
 
 
-def test_gaussians_that_cannot_be_drawn_are_warned_of_once_whichever_frame_lacks_them(
-    trained, tmp_path, monkeypatch, few_steps
-):
+def test_what_the_files_of_a_fade_lack_is_told_once_whichever_frame_lacks_it(trained, tmp_path, monkeypatch, few_steps):
     def bake_broken(live, look):
         baked = bake(live, look).map(torch.clone)
         baked.sh[: 0 if look.name == "neutral" else 2] = torch.nan
         return baked
 
     monkeypatch.setattr(look_file, "bake", bake_broken)
+    monkeypatch.setattr(Pruner, "__call__", lambda _, baked: Pruned(baked, gaussians=7))
     pipeline.interpolate(trained[0], "neutral", "photo_4.png", 3, tmp_path / "fade", heard := Heard(), ply=True)
-    warned = [line for line in heard.lines if "cannot be drawn" in line]
-    assert warned == ["! step_001.ply: 2 Gaussians that cannot be drawn (NaN, Inf or a zero quaternion) left out."]
+    assert [line for line in heard.lines if "left out" in line.lower()] == [
+        "Left out 7 Gaussians: no training view changes; `wegs bake --prune off` keeps all",
+        "! step_001.ply: 2 Gaussians that cannot be drawn (NaN, Inf or a zero quaternion) left out.",
+    ]
 
 
 def test_force_replaces_a_fade_but_no_photos_that_are_called_frames(trained, tmp_path):
@@ -104,6 +106,8 @@ def test_force_replaces_a_fade_but_no_photos_that_are_called_frames(trained, tmp
 
 def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
     monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
+    with pytest.raises(BadSetting, match="1 step cannot make a fade"):
+        pipeline.interpolate(trained[0], "neutral", "photo_0.png", 1, tmp_path / "fade")
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", views=["bogus"])
     for name in ("garbled.json", "garbled.png"):

@@ -1,4 +1,4 @@
-"""What the doctor does not examine is refused in one line, which says what to give it."""
+"""What the doctor does not examine is refused in one line, which says what to give it; cameras farther up are ignored."""
 
 import os
 from pathlib import Path
@@ -8,7 +8,8 @@ import pytest
 
 from core.doctor import examine
 from core.errors import BadInput
-from tests.doctor.test_ply import sound_rows, write
+from tests.doctor.examined import examined
+from tests.doctor.test_ply import cameras_json, sound_rows, write
 from tests.heard import Heard
 
 
@@ -49,3 +50,9 @@ def test_given_a_photo_the_doctor_asks_for_its_folder(tmp_path):
     (tmp_path / "a.JPG").write_bytes(b"\xff\xd8")
     with pytest.raises(BadInput, match=f"a.JPG is a file, not a folder. Give the folder it is in: {tmp_path}$"):
         examine(tmp_path / "a.JPG", Heard())
+
+
+def test_cameras_two_folders_above_a_file_are_not_taken_for_its_own(tmp_path):
+    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
+    (tmp_path / "exports" / "dusk").mkdir(parents=True)
+    assert "never seen" not in examined(write(tmp_path / "exports" / "dusk" / "a.ply", sound_rows()))[0]

@@ -176,12 +176,13 @@ def test_what_wegs_can_do_is_advised_for_its_own_files_alone(tmp_path, comment, 
 
 
 def test_coordinates_too_large_for_float32_are_reported_in_units_and_pixels(tmp_path):
-    rows = sound_rows()
+    rows, near, far = sound_rows(), (5e6, 0, -4), (5e6, 0, -9)
     rows["x"] += 5e6
-    findings, _ = examined(write(tmp_path / "a.ply", rows))
     # Half a step of float32 at five millions is a quarter; spread over a radius of about one.
-    assert findings["float32 positions"].figure.startswith("0.3 units")
-    assert "Recentre" in findings["float32 positions"].advice
+    for cameras, px in (((), "1.4e+02 px where"), ((near, far), "2.7 px in the median of 2 cameras, 3.7 px")):
+        (tmp_path / "cameras.json").write_text(cameras_json(*cameras))
+        found = examined(write(tmp_path / "a.ply", rows))[0]["float32 positions"]
+        assert found.figure.startswith(f"0.3 units, {px}") and "Recentre" in found.advice
 
 
 def cameras_json(*positions) -> str:

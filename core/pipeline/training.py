@@ -140,8 +140,6 @@ def _train(trainer: Trainer, report: Report) -> Path:
     try:
         _write_results(trainer, report)
     except KeyboardInterrupt:
-        if any(folder.glob(run_folders.CLOUDS)):
-            raise
         raise KeyboardInterrupt(f"All steps are kept; finish with: {advice}") from None
     except (DiskFull, OSError) as problem:
         if (full := as_disk_full(problem)) is None:

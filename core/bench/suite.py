@@ -87,6 +87,7 @@ def bench(
             "Without --run, rendering is measured on the built-in scene alone.",
             "Leave SCENE out, or give a run with --run.",
         )
+    names = tuple(name for name in FIGURES if name in names)  # one may be given twice
     replaced = (*names, OF_RUN) if "rendering" in names else names
     files.check_free(output, replaced, force)
     size = FULL if full else SMALL

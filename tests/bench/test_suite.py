@@ -186,7 +186,7 @@ def test_without_checks_on_the_way_the_rest_is_measured(small_run, tmp_path):
     (folder / "history.csv").unlink()
     (tmp_path / "training.csv").write_text("of another run")
     (tmp_path / "refinement.csv").write_text("not asked for")
-    figures = suite.bench(None, folder, ("baking", "training"), False, tmp_path, heard, force=True)
+    figures = suite.bench(None, folder, ("training", "baking", "training"), False, tmp_path, heard, force=True)
     assert [figure.name for figure in figures] == ["baking"]
     assert {path.stem for path in tmp_path.glob("*.csv")} == {"baking", "refinement"}
     assert heard.lines[0].startswith(

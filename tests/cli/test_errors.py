@@ -2,6 +2,7 @@
 a traceback for a defect of ours."""
 
 import errno
+import os
 import shlex
 import subprocess
 import sys
@@ -174,6 +175,35 @@ def test_a_signal_while_torch_loads_ends_the_program_at_once(tmp_path, name):
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
     done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGHUP")
+@pytest.mark.parametrize(("before", "code", "said"), [("SIG_DFL", 130, "wegs: Stopped."), ("SIG_IGN", 0, "")])
+def test_a_closed_terminal_is_a_single_ctrl_c_and_none_under_nohup(tmp_path, before, code, said):
+    hang_up = "os.kill(os.getpid(), signal.SIGHUP)"  # from the shell and from the system
+    lines = (
+        "import os, signal, click",
+        "@click.command()",
+        "def stop():",
+        f"    try: {hang_up}",
+        f"    finally: {hang_up}; click.echo('tidied up')",
+    )
+    (tmp_path / "stopped.py").write_text("\n".join(lines))
+    program = (
+        f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r}); signal.signal(signal.SIGHUP, signal.{before})\n"
+    )
+    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
+    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (code, "tidied up\n", said)
+
+
+def test_what_the_terminal_cannot_show_appears_as_its_code(tmp_path):
+    (tmp_path / "shown.py").write_text("import click\n@click.command()\ndef show():\n    print('caf\\xe9.jpg')")
+    program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+    program += "from wegs_cli import main; main.COMMANDS['show'] = 'shown:show'; main.run()"
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([sys.executable, "-c", program, "show"], capture_output=True, check=False, env=ascii_only)
+    assert (done.returncode, done.stdout) == (0, b"caf\\xe9.jpg\n")
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])

@@ -88,7 +88,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
         return " ".join(message.split()) + stop + advice, problem.exit_code
     if isinstance(problem, (click.Abort, KeyboardInterrupt)):
         # click turns every Ctrl-C into an Abort, whose cause is the KeyboardInterrupt that says what was kept.
-        first = problem.__cause__ if isinstance(problem.__cause__, KeyboardInterrupt) else problem
+        first = problem.__cause__ or problem
         return " ".join(["Stopped.", *map(str, first.args)]), INTERRUPTED
     if error := as_disk_full(problem) or as_out_of_memory(problem):
         return str(error), 1

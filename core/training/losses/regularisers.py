@@ -42,9 +42,7 @@ class ResidualLoss(NamedTuple):
     size: Float[Tensor, ""]
 
 
-def residual_loss(
-    residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None = None
-) -> ResidualLoss:
+def residual_loss(residual: Float[Tensor, "v c 3"], weight: float, shown: Int[Tensor, ""] | None) -> ResidualLoss:
     """L_regSH at this weight. shown: on a GPU, how many of the first rows are Gaussians,
     the rest being padding; None for all."""
     if residual.dtype == torch.float32 and residual.device.type == "cuda":

@@ -90,6 +90,14 @@ def test_the_known_truth_of_a_synthetic_scene_is_measured_too(trained, small_sce
     )
 
 
+def test_without_the_weights_of_lpips_the_rest_is_measured(trained, monkeypatch):
+    monkeypatch.setattr(lpips, "load", lambda: None)
+    results = pipeline.evaluate(trained[0], report=(heard := Heard()), refine=False)
+    means = results.means()["photo"]["zero_shot"]
+    assert (results.lpips_backbone, means["lpips"]) == (None, None) and means["psnr"] > 0
+    assert [line for line in heard.lines if "LPIPS: " in line] == [f"! LPIPS: {lpips.ABSENT}"]
+
+
 def test_a_photo_without_a_pixel_to_score_enters_no_mean(trained, monkeypatch):
     def view_of(live, photo):
         view = held_out_view(live, photo)

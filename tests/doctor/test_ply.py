@@ -304,8 +304,7 @@ def test_what_only_the_second_camera_shows_is_seen(tmp_path):
 
 def test_the_units_of_a_file_change_nothing(tmp_path):
     rows = sound_rows()
-    for axis in range(3):
-        rows[f"scale_{axis}"][40:45] = 1.0
+    rows["scale_0"][40:45] = 1.0
     plain, _ = examined(write(tmp_path / "a.ply", rows))
     for axis, name in enumerate("xyz"):
         rows[name] *= 1000
@@ -313,7 +312,8 @@ def test_the_units_of_a_file_change_nothing(tmp_path):
     scaled, _ = examined(write(tmp_path / "b.ply", rows))
     assert plain["giants"].figure == scaled["giants"].figure == "5 (1.2 %) in the scene, 0 beyond 3 radii"
     pixels = [findings["float32 positions"].figure.partition(" units, ")[2] for findings in (plain, scaled)]
-    assert pixels[0] == pixels[1] and pixels[0].endswith("px")
+    halves = [float(findings["extent"].figure.split()[5].strip(",")) for findings in (plain, scaled)]
+    assert pixels[0] == pixels[1] and pixels[0].endswith("px") and halves[1] == pytest.approx(1000 * halves[0])
 
 
 BROKEN = (

@@ -9,7 +9,7 @@ import torch
 import core.rasterizer
 from core.bench import rendering, small_scene, stopwatch
 from core.bench.levers import UNTHRESHOLDED, Levers, draw
-from core.bench.rendering import DEFINITION, choices, rendering_figure
+from core.bench.rendering import DEFINITION, Way, choices, rendering_figure
 from core.rasterizer.contract import ALPHA_MIN
 from core.report import Report
 from tests.rasterizer.scenes import SCENES, camera, cloud
@@ -52,6 +52,9 @@ def test_the_definition_has_a_curve_for_every_lever_and_auto_is_the_default():
     found = list(choices(splats, cameras))
     levers = {f"{DEFINITION}: {lever}" for lever in ("precision", "tile", "alpha threshold", "early stop", "SH degree")}
     assert {choice.curve for choice in found} == levers | {"cpu: SH degree"}
+    for curve in levers:  # on which nothing is drawn twice, and the contract's levers are among them
+        ways = [choice.way for choice in found if choice.curve == curve]
+        assert len(set(ways)) == len(ways) and Way(None, Levers()) in ways
     (default,) = (choice for choice in found if choice.is_default)
     assert (default.curve, default.label, default.way.backend) == ("cpu: SH degree", "degree 3", "cpu")
 
@@ -60,9 +63,11 @@ def test_a_way_on_several_curves_is_measured_once(monkeypatch):
     monkeypatch.setattr(rendering, "TILES_PX", (16,))
     monkeypatch.setattr(rendering, "ALPHAS", {"1/255": 1.0})
     view = camera()
-    made = rendering_figure("a cloud", cloud(view, 30, seed=1, degree=1), [view], 5, Report(), 0.0)
+    monkeypatch.setattr(rendering, "timed", lambda work, _: (work(), stopwatch.Spread.exactly(0.5)))
+    made = rendering_figure("a cloud", cloud(view, 30, seed=1, degree=1), [view, view], 5, Report(), 0.0)
     of = {(point.curve, point.label): point.values for point in made.points}
     assert of["reference: alpha threshold", "alpha 1/255"] is of["reference: SH degree", "degree 1"]
+    assert all(values["milliseconds"].median == 250 for values in of.values())  # a picture
     assert of["reference: precision", "float64"]["max_error"].median == 0
     assert of["reference: tile", "no tiles"]["max_error"].median < REORDERED
     assert 0 < of["cpu: SH degree", "degree 1"]["max_error"].median < 1e-4

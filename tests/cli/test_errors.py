@@ -6,6 +6,7 @@ import os
 import shlex
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import click
@@ -133,68 +134,63 @@ def test_a_command_to_type_can_be_pasted():
     assert command("wegs", "train", Path("-x"), "-o", "a") == "wegs train ./-x -o a"
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_a_signal_during_the_work_lets_it_tidy_up(tmp_path, name):
-    """pycolmap, which core.data imports, sets a handler of its own for SIGTERM."""
-    lines = (
-        "import os, signal, click, core.data",
+def stopped(folder: Path, body: str, name: str = "SIGINT", before: str = "SIG_DFL") -> tuple[int, str, str]:
+    """Exit code, stdout and stderr of a command whose function has this body. In it, `stop()` sends the signal `name`
+    to the process, in which it was handled as `before` when the process began."""
+    code = (
+        "import os, signal, click, core.data",  # pycolmap, which core.data imports, handles SIGTERM by itself
         "from wegs_cli.terminal import Terminal",
+        f"stop = lambda: os.kill(os.getpid(), signal.{name})",
         "@click.command()",
-        "def stop():",
-        "    with Terminal() as terminal:",
-        "        try:",
-        f"            os.kill(os.getpid(), signal.{name})",
-        "        finally:",
-        "            terminal.say('tidied')",
+        "def command():",
+        textwrap.indent(textwrap.dedent(body), "    "),
     )
-    (tmp_path / "stopped.py").write_text("\n".join(lines))
-    program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-    program += f"signal.signal(signal.{name}, signal.SIG_DFL)\n"  # nohup leaves SIGHUP ignored, a shell's jobs SIGINT
-    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
+    (folder / "stopped.py").write_text("\n".join(code))
+    # A shell's jobs and nohup leave signals ignored.
+    program = (
+        f"import signal, sys; sys.path.insert(0, {str(folder)!r}); signal.signal(signal.{name}, signal.{before})\n"
+    )
+    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:command'; main.run()"
     done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "tidied\n", "wegs: Stopped.")
+    return done.returncode, done.stdout, done.stderr.strip()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+SIGNALS = [
+    pytest.param(name, marks=pytest.mark.skipif(sys.platform == "win32", reason="Windows knows no such signals"))
+    for name in ("SIGINT", "SIGTERM", "SIGHUP")
+]
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_a_signal_during_the_work_lets_it_tidy_up(tmp_path, name):
+    body = """
+        with Terminal() as terminal:
+            try: stop()
+            finally: terminal.say('tidied')
+    """
+    assert stopped(tmp_path, body, name) == (130, "tidied\n", "wegs: Stopped.")
+
+
+@pytest.mark.parametrize("name", SIGNALS)
 def test_a_signal_while_torch_loads_ends_the_program_at_once(tmp_path, name):
     """Parts of torch swallow a KeyboardInterrupt, or end the program by it with C++ addresses."""
-    lines = (
-        "import os, signal, click",
-        "@click.command()",
-        "def stop():",
-        "    try:",
-        f"        os.kill(os.getpid(), signal.{name})",
-        "    except KeyboardInterrupt:",
-        "        print('goes on')",
-    )
-    (tmp_path / "stopped.py").write_text("\n".join(lines))
-    program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
-    program += f"signal.signal(signal.{name}, signal.SIG_DFL)\n"
-    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
-    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
+    body = """
+        try: stop()
+        except KeyboardInterrupt: print('goes on')
+    """
+    assert stopped(tmp_path, body, name) == (130, "", "wegs: Stopped.")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGHUP")
 @pytest.mark.parametrize(("before", "code", "said"), [("SIG_DFL", 130, "wegs: Stopped."), ("SIG_IGN", 0, "")])
 def test_a_closed_terminal_is_a_single_ctrl_c_and_none_under_nohup(tmp_path, before, code, said):
-    hang_up = "os.kill(os.getpid(), signal.SIGHUP)"  # from the shell and from the system
-    lines = (
-        "import os, signal, click",
-        "@click.command()",
-        "def stop():",
-        f"    try: {hang_up}",
-        f"    finally: {hang_up}; click.echo('tidied up')",
-    )
-    (tmp_path / "stopped.py").write_text("\n".join(lines))
-    program = (
-        f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r}); signal.signal(signal.SIGHUP, signal.{before})\n"
-    )
-    program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
-    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr.strip()) == (code, "tidied up\n", said)
+    """It sends two signals, from the shell and from the system."""
+    body = """
+        with Terminal() as terminal:
+            try: stop()
+            finally: stop(); terminal.say('tidied')
+    """
+    assert stopped(tmp_path, body, "SIGHUP", before) == (code, "tidied\n", said)
 
 
 def test_what_the_terminal_cannot_show_appears_as_its_code(tmp_path):

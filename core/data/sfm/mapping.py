@@ -1,13 +1,16 @@
 """From matches to cameras and points, by COLMAP's incremental mapping;
-if most photos are lost, again with focal lengths refined last."""
+if most photos are lost, twice more with focal lengths refined last."""
 
+import shutil
+import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from statistics import median
 
 import pycolmap
 
 from core.data.photos.distortion import folds_over
-from core.data.placing import is_usual
+from core.data.placing import focal_length_of, is_usual
 from core.data.sfm.features import DATABASE, PHOTOS, SEED
 from core.errors import BadInput
 from core.report import Report
@@ -50,27 +53,31 @@ def _best_models(work: Path, names: list[str], report: Report) -> list[pycolmap.
 
     COLMAP refines focal lengths from the second photo on. A few photos constrain them badly: they diverge, poses
     follow, and other photos cannot be registered (COLMAP drops such cameras only from models of 20 photos or more). So
-    if fewer than half the photos are registered with a focal length that lenses have, they are mapped again with the
-    focal lengths of EXIF, or COLMAP's guess, refined only at the end. Those models are taken if the largest has more
-    such photos, and more points (core/TRIED.md has the figures).
+    if fewer than half the photos are registered with a focal length that lenses have, they are mapped twice more, with
+    focal lengths refined only at the end: from those of EXIF or COLMAP's guess, and from those that were found. Of
+    these, models are taken whose largest one has more such photos and more points than the first, the best of them
+    (core/TRIED.md has the figures).
     """
-    models = _models(work, names, report, refined=True)
+    models = best = _models(work, names, report)
     largest = _largest(models)
-    found = _plausible(largest)
-    if 2 * found >= len(names):
+    found, points = _plausible(largest), largest.num_points3D()
+    if 2 * len(found) >= len(names):
         return models
-    again = _models(work, names, report, refined=False)
-    largest_again = _largest(again)
-    _refine(largest_again)
-    plausible = _plausible(largest_again)
-    if plausible <= found or largest_again.num_points3D() <= largest.num_points3D():
-        return models
-    report.say(
-        "Mapped again with focal lengths refined last: "
-        f"{plausible} of {len(names)} photos got a place and a focal length that lenses have, "
-        f"not {found} as with focal lengths refined along the way."
-    )
-    return again
+    most = (len(found), points)
+    for start in ({}, found) if found else ({},):
+        again = _models(work, names, report, start)
+        largest = _largest(again)
+        _refine(largest)
+        worth = (len(_plausible(largest)), largest.num_points3D())
+        if worth > most and worth[0] > len(found) and worth[1] > points:
+            best, most = again, worth
+    if best is not models:
+        report.say(
+            "Mapped again with focal lengths refined last: "
+            f"{most[0]} of {len(names)} photos got a place and a focal length that lenses have, "
+            f"not {len(found)} as with focal lengths refined along the way."
+        )
+    return best
 
 
 def _largest_first(models: Iterable[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
@@ -87,18 +94,26 @@ def _drop_folded(model: pycolmap.Reconstruction) -> None:
         model.deregister_frame(image.frame_id)
 
 
-def _models(work: Path, names: list[str], report: Report, refined: bool) -> list[pycolmap.Reconstruction]:
+def _models(
+    work: Path, names: list[str], report: Report, start: dict[str, float] | None = None
+) -> list[pycolmap.Reconstruction]:
     """COLMAP's models of the matches, the one with the most photos first.
-    refined: whether focal lengths are refined as photos are added."""
+
+    start: None to refine focal lengths as photos are added. Else they stay as they are, which is as `start` has them,
+    over the photo's longer side; the median of these for other photos without EXIF.
+    """
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = min(LEAST_PLACED, len(names))  # COLMAP's 10 would refuse small collections
     options.random_seed = SEED
     options.num_threads = options.mapper.num_threads = _threads(len(names))
-    options.ba_refine_focal_length = refined
-    folder = work / ("models" if refined else "models-again")
-    folder.mkdir()
+    options.ba_refine_focal_length = start is None
+    folder = Path(tempfile.mkdtemp(prefix="models-", dir=work))
+    database = work / DATABASE
+    if start:
+        database = Path(shutil.copy(database, folder))
+        _begin_with(database, start)
     models = pycolmap.incremental_mapping(
-        work / DATABASE,
+        database,
         work / PHOTOS,
         folder,
         options,
@@ -106,6 +121,17 @@ def _models(work: Path, names: list[str], report: Report, refined: bool) -> list
         next_image_callback=_counter(report, len(names), 3),
     )
     return _largest_first(models.values())
+
+
+def _begin_with(path: Path, start: dict[str, float]) -> None:
+    """Write these focal lengths into the database; see `_models`."""
+    usual = median(start.values())
+    with pycolmap.Database.open(path) as database:
+        for image in database.read_all_images():
+            camera = database.read_camera(image.camera_id)
+            if not camera.has_prior_focal_length:
+                camera.focal_length = start.get(image.name, usual) * max(camera.width, camera.height)
+                database.update_camera(camera)
 
 
 def _largest(models: list[pycolmap.Reconstruction]) -> pycolmap.Reconstruction:
@@ -133,9 +159,11 @@ def _threads(photos: int) -> int:
     return 1 if photos <= REPEATABLE else -1
 
 
-def _plausible(model: pycolmap.Reconstruction) -> int:
-    """How many photos of the model have a pose, and a focal length that lenses have."""
-    return sum(is_usual(image.camera) for image in model.images.values() if image.has_pose)
+def _plausible(model: pycolmap.Reconstruction) -> dict[str, float]:
+    """The photos of the model that have a pose and a focal length that lenses have: that length, over the longer side,
+    by their names."""
+    placed = {image.name: image.camera for image in model.images.values() if image.has_pose}
+    return {name: focal_length_of(camera) for name, camera in placed.items() if is_usual(camera)}
 
 
 def _counter(report: Report, total: int, first: int) -> Callable[[], None]:

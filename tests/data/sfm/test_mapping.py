@@ -46,17 +46,20 @@ def model(count: int, focal_px: float, points: int = 15):
     return made
 
 
+START = {f"{index}.jpg": 150 / 160 for index in range(3)}  # what model(3, 150.0) finds
+
+
 @pytest.fixture
 def mapped(monkeypatch):
-    """Called with the models that mapping finds, first those with focal lengths refined, then last:
-    what is taken of 8 photos, and what is said."""
+    """Called with the models that mapping finds, first with focal lengths refined along the way, then last, from the
+    guess and from those found: what is taken of 8 photos, what is said, and where each mapping began."""
 
-    def choose(first, second):
+    def choose(first, second, third=()):
         asked = []
 
-        def models(work, names, report, refined):
-            asked.append(refined)
-            return first if refined else second
+        def models(work, names, report, start=None):
+            asked.append(start)
+            return first if start is None else third if start else second
 
         monkeypatch.setattr(mapping, "_models", models)
         heard = Heard()
@@ -92,12 +95,31 @@ def test_focal_lengths_are_refined_in_the_end(mapped):
 def test_what_is_not_better_is_not_taken(mapped, second):
     first = model(3, 150.0)
     taken, lines, asked = mapped([first], second)
-    assert taken is first and lines == [] and asked == [True, False]
+    assert taken is first and lines == [] and asked == [None, {}, START]
+
+
+def test_the_better_of_the_two_that_are_mapped_again_is_taken(mapped):
+    guessed, begun = model(5, 150.0, points=16), model(6, 150.0, points=16)
+    for second, third in ((guessed, begun), (begun, guessed)):
+        taken, lines, asked = mapped([model(3, 150.0)], [second], [third])
+        assert taken is begun and "last: 6 of 8 photos" in lines[0] and asked == [None, {}, START]
+
+
+def test_what_was_found_is_what_mapping_begins_with(tmp_path):
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        for number, (focal_px, known) in enumerate(((192, False), (192, False), (192, False), (300, True)), 1):
+            lens = pycolmap.Camera(model="SIMPLE_RADIAL", width=160, height=120, params=[focal_px, 80, 60, 0])
+            lens.has_prior_focal_length = known
+            database.write_image(pycolmap.Image(name=f"{number}.jpg", camera_id=database.write_camera(lens)))
+    mapping._begin_with(tmp_path / "database.db", {"1.jpg": 1.0, "2.jpg": 2.0, "4.jpg": 4.0})
+    with pycolmap.Database.open(tmp_path / "database.db") as database:
+        begun = {image.name: database.read_camera(image.camera_id).focal_length for image in database.read_all_images()}
+    assert begun == {"1.jpg": 160, "2.jpg": 320, "3.jpg": 320, "4.jpg": 300}  # EXIF told that of the last
 
 
 def test_photos_are_not_mapped_again_if_half_of_them_have_a_place(mapped):
     first = model(4, 150.0)
-    assert mapped([first], [model(8, 150.0)]) == (first, [], [True])
+    assert mapped([first], [model(8, 150.0)]) == (first, [], [None])
 
 
 def fold(found: pycolmap.Reconstruction, *numbers: int) -> None:

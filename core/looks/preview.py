@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import torch
-
 from core.appearance.colouring import Colouring
 from core.data.collection import spread_over
 from core.export.labelled_sheet import labelled_sheet
@@ -33,7 +31,6 @@ def write_preview(trained: TrainedRun, photos: Sequence[SizedPhoto]) -> Path:
     return path
 
 
-@torch.no_grad()
 def _as_read(trained: TrainedRun, sized: SizedPhoto) -> Look:
     """The look of a training photo as the model reads it now, in the midst of training as well.
     The photo's file is not needed, which may be gone by then."""

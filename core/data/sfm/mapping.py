@@ -11,7 +11,7 @@ import pycolmap
 
 from core.data.photos.distortion import folds_over
 from core.data.placing import focal_length_of, is_usual
-from core.data.sfm.features import DATABASE, PHOTOS, SEED
+from core.data.sfm.features import DATABASE, PHOTOS, SEED, images_in
 from core.errors import BadInput
 from core.report import Report
 from core.words import counted
@@ -99,8 +99,8 @@ def _models(
 ) -> list[pycolmap.Reconstruction]:
     """COLMAP's models of the matches, the one with the most photos first.
 
-    start: None to refine focal lengths as photos are added. Else they stay as they are, which is as `start` has them,
-    over the photo's longer side; the median of these for other photos without EXIF.
+    start: None to refine focal lengths as photos are added. Else they stay as EXIF tells them; without EXIF, as `start`
+    has them, over the photo's longer side, or at the median of these; if it is empty, at COLMAP's guess.
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = min(LEAST_PLACED, len(names))  # COLMAP's 10 would refuse small collections
@@ -127,10 +127,10 @@ def _begin_with(path: Path, start: dict[str, float]) -> None:
     """Write these focal lengths into the database; see `_models`."""
     usual = median(start.values())
     with pycolmap.Database.open(path) as database:
-        for image in database.read_all_images():
+        for name, image in images_in(database).items():
             camera = database.read_camera(image.camera_id)
             if not camera.has_prior_focal_length:
-                camera.focal_length = start.get(image.name, usual) * max(camera.width, camera.height)
+                camera.focal_length = start.get(name, usual) * max(camera.width, camera.height)
                 database.update_camera(camera)
 
 

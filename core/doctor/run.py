@@ -201,10 +201,10 @@ def _masks(masks: dict[str, float], collapse_told: bool) -> Finding:
     name, least = min(masks.items(), key=lambda item: item[1])
     mean = sum(masks.values()) / len(masks)
     collapsed = collapse_told or mean < LEAST_STATIC
-    advice = "Look at masks/ in the run; raise mask_regularisation if they hide the place itself." if collapsed else ""
+    advice = "Raise mask_regularisation if they hide the place itself; a finished run shows them in masks/."
     figure = f"{mean:.2f} (mean), {least:.2f} (least: {name})"
     meaning = (
         "share of a photo that counts as static; "
         f"with a mean below {LEAST_STATIC} masks have collapsed and are held there"
     )
-    return Finding("masks", figure, meaning, advice)
+    return Finding("masks", figure, meaning, advice if collapsed else "")

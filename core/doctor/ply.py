@@ -33,10 +33,10 @@ def examine_ply(path: Path, report: Report) -> list[Finding]:
 
 def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
     """Whether the header fits the rows."""
-    size, beyond = path.stat().st_size, bytes_beyond(path)
+    size = path.stat().st_size
     figure = f"{counted(len(splats), 'Gaussian')} of SH degree {splats.degree}, {size / 1e6:.1f} MB"
-    findings = [Finding("file", figure, f"{(size - beyond) / len(splats):.0f} bytes a Gaussian")]
-    if beyond:
+    findings = [Finding("file", figure, "")]
+    if beyond := bytes_beyond(path):
         findings.append(
             Finding("rest of the file", counted(beyond, "byte"), "after the last row that its header counts", AGAIN)
         )

@@ -93,6 +93,13 @@ def test_a_disk_that_is_full_after_the_last_step_says_how_to_finish(scene, tmp_p
             pipeline.train(scene, small_settings(steps=STEPS, checkpoints=1), tmp_path / words[:7])
 
 
+def test_no_training_stops_for_a_preview_that_memory_has_no_room_for(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "write_preview", failing(MemoryError()))
+    folder = pipeline.train(scene, small_settings(steps=STEPS, checkpoints=2), tmp_path / "run", heard := Heard())
+    assert heard.lines.count("! preview.png was not drawn. There is not enough memory.") == 2  # midway and at the end
+    assert (folder / CLOUD).is_file() and not any("to look at" in line.lower() for line in heard.lines)
+
+
 def test_a_step_whose_progress_cannot_be_printed_is_saved(scene, tmp_path):
     with pytest.raises(TrainingStopped, match="Saved at step 5, .* Free some space, then type: wegs train --resume -o"):
         pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run", StopsAtStep(5, FULL))

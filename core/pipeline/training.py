@@ -24,7 +24,7 @@ from core.system import device
 from core.system.outputs import check_apart
 from core.training.interrupt import StopRequest
 from core.training.mask_files import write_masks
-from core.training.rescue import saved_if_room_runs_out
+from core.training.rescue import as_no_room, saved_if_room_runs_out
 from core.training.tell import next_step, tell_collection, tell_plan, tell_step
 from core.training.trainer import Trainer
 from core.words import counted, list_names
@@ -131,8 +131,8 @@ def _train(trainer: Trainer, report: Report) -> Path:
         for step in trainer.train():
             tell_step(step, settings, report)
             if step.step in trainer.saves and step.step < settings.steps:
-                preview = write_preview(load_run(folder), trainer.photos)
-                if step.step == min(trainer.saves):
+                preview = _preview(trainer, report)
+                if preview and step.step == min(trainer.saves):
                     report.say(f"To look at meanwhile: {preview}")
             if stop.asked and step.step < settings.steps:
                 trainer.save()
@@ -148,13 +148,24 @@ def _train(trainer: Trainer, report: Report) -> Path:
     return folder
 
 
+def _preview(trainer: Trainer, report: Report) -> Path | None:
+    """Draw the picture of the scene so far. Without room for it in memory, that is said: no training stops for it."""
+    try:
+        return write_preview(load_run(trainer.folder), trainer.photos)
+    except Exception as problem:
+        if (cause := as_no_room(problem)) is None:
+            raise
+        report.warn(f"{run_folders.PREVIEW} was not drawn. {cause.what}")
+        return None
+
+
 def _write_results(trainer: Trainer, report: Report) -> None:
     """Write the results of a finished training. The neutral look comes last, because it marks the run as finished."""
     folder = trainer.folder
     trained = load_run(folder)
     neutral = run_folders.point_cloud_path(folder, trained.step)
     masks = write_masks(folder, trainer.model, trainer.photos, report)
-    preview = write_preview(trained, trainer.photos)
+    preview = _preview(trainer, report)
     write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [
         ("run", str(folder)),
@@ -164,7 +175,8 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     ]
     if masks:
         rows.append(("masks", str(folder / MASKS)))
-    rows.append(("to look at", str(preview)))
+    if preview:
+        rows.append(("to look at", str(preview)))
     report.table("Done", rows)
     if earlier := measured_earlier(folder, trained.identity, trained.step):
         report.say(

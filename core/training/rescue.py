@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from core.errors import LESS_MEMORY, DiskFull, TrainingStopped, as_disk_full, as_out_of_memory, command
+from core.errors import LESS_MEMORY, DiskFull, TrainingStopped, WegsError, as_disk_full, as_out_of_memory, command
 from core.rasterizer.inputs import ListsTooLarge
 from core.run.checkpoint import how_to_go_on
 from core.training.trainer import Trainer
@@ -26,14 +26,18 @@ def saved_if_room_runs_out(trainer: Trainer) -> Iterator[None]:
             f"{full.what} {_kept(trainer, path)}", f"Free some space, then type: {how_to_go_on(trainer.folder)}"
         ) from None
     except Exception as problem:
-        cause = problem if isinstance(problem, ListsTooLarge) else as_out_of_memory(problem)
-        if cause is None:
+        if (cause := as_no_room(problem)) is None:
             raise
         path = trainer.save()  # moves tensor by tensor to the machine's own memory: takes none on the GPU
         bake = command("wegs", "bake", "--run", trainer.folder, "--appearance", "PHOTO", "-o", "look.ply")
         raise TrainingStopped(
             f"{cause.what} {_kept(trainer, path)}", f"{LESS_MEMORY}; what is saved can be baked: {bake}"
         ) from None
+
+
+def as_no_room(problem: BaseException) -> WegsError | None:
+    """The error to show if `problem` means that there is not enough memory for a picture or a step, else None."""
+    return problem if isinstance(problem, ListsTooLarge) else as_out_of_memory(problem)
 
 
 def _kept(trainer: Trainer, path: Path) -> str:

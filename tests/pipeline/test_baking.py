@@ -122,17 +122,16 @@ def test_an_unusable_look_is_refused_and_nothing_is_written(trained, tmp_path, m
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_an_output_that_exists_or_has_no_format_is_refused(trained, tmp_path):
+def test_an_output_that_exists_or_has_no_format_is_refused_before_the_work(trained, tmp_path, monkeypatch):
     path = tmp_path / "a.ply"
     path.write_text("old")
-    with pytest.raises(BadInput, match="--force"):
-        pipeline.bake_to_file(trained[0], "neutral", path)
-    with pytest.raises(BadInput, match=".ply"):
-        pipeline.bake_to_file(trained[0], "neutral", tmp_path / "a.obj")
-    assert path.read_text() == "old"
     (tmp_path / "link.ply").symlink_to(tmp_path / "nothing.ply")
-    with pytest.raises(BadInput, match="--force"):
-        pipeline.bake_to_file(trained[0], "neutral", tmp_path / "link.ply")
+    with monkeypatch.context() as patch:
+        patch.setattr(baking, "find_look", None)  # as any work would fail
+        for name, words in (("a.ply", "--force"), ("a.obj", ".ply"), ("link.ply", "--force")):
+            with pytest.raises(BadInput, match=words):
+                pipeline.bake_to_file(trained[0], "neutral", tmp_path / name)
+    assert path.read_text() == "old"
     pipeline.bake_to_file(trained[0], "neutral", path, force=True)
     assert len(read_ply(path)) > 0
 

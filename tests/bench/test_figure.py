@@ -198,6 +198,8 @@ def test_figures_are_not_replaced_unasked(tmp_path):
     files.check_free(tmp_path, ("other",), force=False)
     with pytest.raises(BadSetting, match="figures go into a folder"):
         files.check_free(tmp_path / "a.png", ("other",), force=False)
+    with pytest.raises(BadInput, match="test.json is not a folder"):
+        files.check_free(tmp_path / "test.json" / "figures", ("other",), force=True)
 
 
 def test_the_table_has_a_column_for_each_quantity_and_says_what_it_was_made_on():

@@ -1,11 +1,13 @@
 """Baking: errors grow and bytes fall with what is left out; the order is that of the contributions."""
 
+import pytest
 import torch
 
 import core.rasterizer
 from core.bench import baking
 from core.bench.baking import baking_figure
 from core.bench.differences import differences
+from core.data.collection import spread_over
 from core.looks.find_look import find_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import bake, load_run
@@ -31,8 +33,17 @@ def test_bytes_fall_and_errors_grow_along_each_curve(trained, monkeypatch):
         and whole.values["rms_steps"].median == whole.values["max_steps"].median == 0
     )
     assert bare.values["rms_steps"].median > 0
+    assert whole.values["megabytes"].median == pytest.approx(248e-6 * len(trained.splats), abs=0.003)  # and its header
+    neutral = find_look(trained, "neutral")
+    cameras = [trained.camera(photo) for photo in spread_over(trained.collection.split("train"), 2)]
+    look, without = (
+        [trained.rasterizer.render(splats, camera, trained.background).clamp(0, 1) for camera in cameras]
+        for splats in (bake(trained, neutral), bake(trained, neutral).up_to_degree(0))
+    )
+    apart = differences(without, look)
+    assert bare.values["max_steps"].median == pytest.approx(255 * apart["max_error"].median)
     assert [point for point in made.points if point.is_default] == [as_it_bakes]
-    left = pruner_of(trained, Report())(bake(trained, find_look(trained, "neutral")))
+    left = pruner_of(trained, Report())(bake(trained, neutral))
     assert as_it_bakes.values["max_steps"].median <= 0.5
     assert (as_it_bakes.values["megabytes"].median < whole.values["megabytes"].median) == (left.gaussians > 0)
 

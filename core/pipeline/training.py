@@ -15,7 +15,7 @@ from core.evaluation.results import measured_earlier
 from core.looks.look_file import write_look
 from core.looks.preview import write_preview
 from core.looks.pruning import pruner_of
-from core.looks.trained import load_run, neutral_look
+from core.looks.trained import TrainedRun, load_run, neutral_look
 from core.report import QUIET, Report
 from core.run import checkpoint, history, run_config, run_folders, viewer_files
 from core.run.claim import held, new_run
@@ -148,10 +148,11 @@ def _train(trainer: Trainer, report: Report) -> Path:
     return folder
 
 
-def _preview(trainer: Trainer, report: Report) -> Path | None:
-    """Draw the picture of the scene so far. Without room for it in memory, that is said: no training stops for it."""
+def _preview(trainer: Trainer, report: Report, trained: TrainedRun | None = None) -> Path | None:
+    """Draw the picture of the scene so far. Without room for it in memory, that is said: no training stops for it.
+    trained: the run, if it is loaded already."""
     try:
-        return write_preview(load_run(trainer.folder), trainer.photos)
+        return write_preview(trained or load_run(trainer.folder), trainer.photos)
     except Exception as problem:
         if (cause := as_no_room(problem)) is None:
             raise
@@ -165,7 +166,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     trained = load_run(folder)
     neutral = run_folders.point_cloud_path(folder, trained.step)
     masks = write_masks(folder, trainer.model, trainer.photos, report)
-    preview = _preview(trainer, report)
+    preview = _preview(trainer, report, trained)
     write_look(trained, neutral_look(trained), neutral, report, pruner_of(trained, report))
     rows = [
         ("run", str(folder)),

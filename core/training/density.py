@@ -11,6 +11,7 @@ from core.config import Settings
 from core.rasterizer import Rasterizer
 from core.rasterizer.importance import largest_contributions
 from core.report import Report, Told
+from core.run.run_state import RunState
 from core.scene.camera import Camera
 from core.training import decisions, schedule
 from core.training.gaussians import densify
@@ -51,26 +52,26 @@ class DensityControl:
         """Whether anything changes after `done` steps."""
         return done in self.grow_at or done in self.prune_at or done in (self.settled_at, self.settings.steps)
 
-    def change(self, gaussians: Gaussians, done: int, mask_mean: float) -> list[str]:
-        """All that is scheduled after `done` steps; a warning if it leaves only the sky.
-        mask_mean: running mean of the masks."""
-        before = gaussians.solid
-        if done in self.grow_at:
-            self.grow(gaussians, done)
+    def change(self, gaussians: Gaussians, state: RunState) -> list[str]:
+        """All that is scheduled after the steps done; a warning if it leaves only the sky."""
+        done, before = state.done, gaussians.solid
         if done in self.prune_at:
             self.prune_by_contribution(gaussians, done)
+            state.useless += before - gaussians.solid
+        if done in self.grow_at:
+            self.grow(gaussians, done, state.useless)
         if done == self.settled_at:
-            self.clear_the_view(gaussians, done, mask_mean)
+            self.clear_the_view(gaussians, done, state.mask_mean)
         if done == self.settings.steps:
             densify.thicken(gaussians)
         return [densify.ALL_GONE] if before and not gaussians.solid else []
 
-    def grow(self, gaussians: Gaussians, done: int) -> None:
-        """One round: prune, then grow within a budget
-        that rises from round to round and is max_gaussians in the last."""
+    def grow(self, gaussians: Gaussians, done: int, useless: int) -> None:
+        """One round: prune, then grow within a budget that rises from round to round and is max_gaussians in the last.
+        useless: see RunState; they count as well, or growth would put as many in their place."""
         densify.prune(gaussians, self.settings, self.surroundings)
         now = sum(step <= done for step in self.grow_at) / len(self.grow_at)
-        allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now))
+        allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now)) - useless
         densify.grow(gaussians, allowed - gaussians.solid, self.generator)
 
     def prune_by_contribution(self, gaussians: Gaussians, done: int) -> None:

@@ -5,6 +5,7 @@ from core.config import Settings
 MEAN_RATE_DECAY = 0.01
 NETWORK_RATE_DECAY = 0.1
 CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth
+LONG_GROWTH = 2400  # steps: in a quarter of them, Gaussians become what they are judged by
 SHRINK_FACTORS = (4, 2, 1)  # of photos, coarse to fine
 STEP_TIMES = (1 / 3, 1 / 2, 1.0)  # of a step on them, in full steps; medians of runs of plaza, Liberty and Sacré-Cœur
 
@@ -55,10 +56,13 @@ def densification_steps(settings: Settings) -> list[int]:
 
 def contribution_steps(settings: Settings) -> set[int]:
     """The steps after which Gaussians that no photo needs are removed:
-    soon after growth, and once more when they have settled."""
+    midway through a long growth and at three quarters of it, soon after it, and once more when they have settled."""
     if not settings.prune_contribution:
         return set()
-    return {_after_growth(settings, fraction) for fraction in CONTRIBUTION_FRACTIONS}
+    rounds, during = densification_steps(settings), set()
+    if rounds and rounds[-1] - rounds[0] >= LONG_GROWTH:
+        during = {rounds[len(rounds) * quarter // 4] for quarter in (2, 3)}
+    return during | {_after_growth(settings, fraction) for fraction in CONTRIBUTION_FRACTIONS}
 
 
 def settled_step(settings: Settings) -> int:

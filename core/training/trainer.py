@@ -271,7 +271,7 @@ class Trainer:
         if not self.density.is_due(self.state.done):
             return []
         self._forget_gaussians()
-        return self.density.change(self.gaussians, self.state.done, self.state.mask_mean)
+        return self.density.change(self.gaussians, self.state)
 
     # --- quality, checkpoints
 

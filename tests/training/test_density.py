@@ -16,9 +16,26 @@ def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
     for number, step in enumerate(rounds, 1):
         trainer.gaussians.gradient_sum.fill_(1.0)
         trainer.gaussians.seen.fill_(1.0)
-        trainer.density.grow(trainer.gaussians, step)
+        trainer.density.grow(trainer.gaussians, step, useless=0)
         assert trainer.gaussians.solid <= round(600 * (0.25 + 0.75 * number / len(rounds))), number
     assert trainer.gaussians.solid == 600
+
+
+def test_growth_does_not_replace_what_no_photo_needs(trainer_of, monkeypatch):
+    monkeypatch.setattr("core.training.schedule.LONG_GROWTH", 0)
+    trainer = trainer_of(steps=40, densify_rounds=4, max_gaussians=600, prune_contribution=0.5)
+    gaussians, state, left = trainer.gaussians, trainer.state, []
+
+    def but_every_third(splats, *_):
+        return (torch.arange(len(splats)) % 3).clamp(max=1)
+
+    monkeypatch.setattr("core.training.density.largest_contributions", but_every_third)
+    for state.done in trainer.density.grow_at:
+        gaussians.gradient_sum.fill_(1.0)
+        gaussians.seen.fill_(1.0)
+        trainer.density.change(gaussians, state)
+        left.append((gaussians.solid, state.useless))
+    assert left == [(262, 0), (375, 0), (488 - 125, 125), (600 - 246, 246)]
 
 
 def test_veils_are_removed_once_when_gaussians_have_settled(trainer_of, monkeypatch):

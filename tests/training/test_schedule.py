@@ -26,3 +26,15 @@ def test_schedules_are_fractions_of_the_steps():
     assert times[5] / times[50] == pytest.approx(1 / 3) and times[15] / times[50] == pytest.approx(1 / 2)
     late = whole_settings(steps=100, densify_until=0.9)
     assert min(schedule.contribution_steps(late)) > schedule.densification_steps(late)[-1]
+
+
+def test_what_no_photo_needs_is_removed_twice_during_a_long_growth():
+    growth = {"densify_from": 0.2, "densify_until": 0.6}
+    long = whole_settings(steps=6000, densify_rounds=8, **growth)
+    rounds, after = schedule.densification_steps(long), {3900, 5100}
+    assert schedule.contribution_steps(long) == {rounds[4], rounds[6], *after} and len(rounds) == 8
+    one = whole_settings(steps=6000, densify_rounds=1, **growth)
+    assert schedule.contribution_steps(one) == schedule.contribution_steps(one.changed(densify_rounds=0)) == after
+    short = long.changed(steps=5998)
+    assert len(schedule.contribution_steps(short)) == 2
+    assert schedule.contribution_steps(long.changed(prune_contribution=0.0)) == set()

@@ -65,7 +65,8 @@ def test_latents_start_to_learn_at_latents_from(collection, tmp_path):
     "changes",
     [{}, {"appearance": "off", "transients": "off"}, {"embedding": "glo", "latent_size": 4, "latents_from": 0.3}],
 )
-def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, changes):
+def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, monkeypatch, changes):
+    monkeypatch.setattr("core.training.schedule.LONG_GROWTH", 0)  # so that something is removed before and after
     settings = small_settings(steps=44, **changes)
     whole, _ = run(collection, tmp_path / "whole", settings)
     run(collection, tmp_path / "broken", settings, until=22)  # in the middle of a round through the four photos
@@ -100,6 +101,7 @@ def test_what_a_run_has_counted_and_said_is_remembered(collection, tmp_path):
     trainer, resumed = (Trainer(collection, small_settings(), tmp_path) for _ in range(2))
     trainer.step()
     changed = {"seconds": 12.5, "mask_mean": 0.75, "skipped": 7, "skipped_in_a_row": 3, "collapse_told": True}
+    changed["useless"] = 11
     trainer.state = replace(trainer.state, **changed)
     saved = checkpoint.load(trainer.save())
     resumed.resume(saved)
@@ -109,6 +111,9 @@ def test_what_a_run_has_counted_and_said_is_remembered(collection, tmp_path):
     before = {"step": 1, "trainer": saved.facts["trainer"] | {"done": 1}}  # as older versions wrote it
     resumed.resume(checkpoint.Checkpoint(saved.tensors, saved.facts | before))
     assert resumed.state == trainer.state
+    del saved.facts["trainer"]["useless"]  # which they did not count
+    resumed.resume(saved)
+    assert resumed.state == replace(trainer.state, useless=0)
 
 
 def test_a_gpu_that_ran_out_of_memory_is_no_fault_of_the_checkpoint(tmp_path):

@@ -219,7 +219,7 @@ class Settings:
     prune_opacity: float = setting(0.01, "Gaussians fainter than this are removed.", low=0, high=1)
     prune_contribution: float = setting(
         UNDECIDED,
-        "After growth, Gaussians are removed that make up this share of no pixel in any photo. "
+        "Gaussians are removed that make up this share of no pixel in any photo: after growth, and during a long one. "
         f"auto: {WITH_LOOKS['prune_contribution']}, or {WITHOUT_LOOKS['prune_contribution']:g} without looks.",
         low=0,
         high=1,

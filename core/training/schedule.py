@@ -7,7 +7,7 @@ NETWORK_RATE_DECAY = 0.1
 CONTRIBUTION_FRACTIONS = (1 / 8, 5 / 8)  # of the steps after growth
 LONG_GROWTH = 2400  # steps: in a quarter of them, Gaussians become what they are judged by
 SHRINK_FACTORS = (4, 2, 1)  # of photos, coarse to fine
-STEP_TIMES = (1 / 3, 1 / 2, 1.0)  # of a step on them, in full steps; medians of runs of plaza, Liberty and Sacré-Cœur
+STEP_TIMES = (0.45, 0.6, 1.0)  # of a step on them, in full steps; medians of runs of plaza, Liberty and Sacré-Cœur
 
 
 def decayed(rate: float, progress: float, final_share: float) -> float:

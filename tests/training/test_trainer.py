@@ -100,9 +100,8 @@ def test_a_checkpoint_of_another_run_is_refused(collection, tmp_path):
 def test_what_a_run_has_counted_and_said_is_remembered(collection, tmp_path):
     trainer, resumed = (Trainer(collection, small_settings(), tmp_path) for _ in range(2))
     trainer.step()
-    changed = {"seconds": 12.5, "mask_mean": 0.75, "skipped": 7, "skipped_in_a_row": 3, "collapse_told": True}
-    changed["useless"] = 11
-    trainer.state = replace(trainer.state, **changed)
+    counted = {"skipped": 7, "skipped_in_a_row": 3, "useless": 11}
+    trainer.state = replace(trainer.state, seconds=12.5, mask_mean=0.75, collapse_told=True, **counted)
     saved = checkpoint.load(trainer.save())
     resumed.resume(saved)
     assert resumed.state == trainer.state and resumed.state.done == 1

@@ -8,6 +8,7 @@ known camera.
 """
 
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,20 +49,27 @@ def main(run_folder: Path | None) -> None:
     collection = load_collection(trained.collection.read_from)
     rows = []
     for photo in held_out:
-        found = locate(trained, look_of_file(trained, photo.path), photo.path, None, QUIET)
+        look, begun = look_of_file(trained, photo.path), time.perf_counter()
+        found = locate(trained, look, photo.path, None, QUIET)
+        seconds = time.perf_counter() - begun
         if found is None:
             click.echo(f"{photo.name}: not found")
             continue
         off = off_px(found.camera, collection.photo(photo.name), collection)
         decibels = scores(trained, photo, found.camera)
         agree = f"{found.agreeing} of {found.matched} places agree"
-        click.echo(f"{photo.name}: {agree}, {off:.2f} px of {WIDTH_PX} off; {FIGURES.format(*decibels)}")
-        rows.append((off, *decibels))
+        click.echo(f"{photo.name}: {agree}, {off_in_words(off, seconds)}; {FIGURES.format(*decibels)}")
+        rows.append((off, seconds, *decibels))
     click.echo(f"{len(rows)} of {len(held_out)} found")
     if rows:
-        offs, *columns = np.array(rows).T
+        offs, taken, *columns = np.array(rows).T
         means = (column.mean() for column in columns)
-        click.echo(f"median {np.median(offs):.2f} px off; mean of {FIGURES.format(*means)}")
+        click.echo(f"median {off_in_words(np.median(offs), np.median(taken))}; mean of {FIGURES.format(*means)}")
+
+
+def off_in_words(off: float, seconds: float) -> str:
+    """How far off a camera was found, px, and in what time."""
+    return f"{off:.2f} px of {WIDTH_PX} off in {seconds:.1f} s"
 
 
 def off_px(camera: Camera, photo: Photo, collection: Collection) -> float:

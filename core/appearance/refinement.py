@@ -183,16 +183,14 @@ def _place_by_place(
     rates = {name: GIVEN_RATE * spread for name, spread in seen.given_spread.items()} | dict.fromkeys(
         seen.hidden_weights, HIDDEN_RATE
     )
-    generator = torch.Generator().manual_seed(0)
+    held = _samples(unseen, LATER_STEPS + 1)
+    with torch.no_grad():
+        before = seen.harmonics(held.flatten(), first).unflatten(0, held.shape)
+    samples = zip(held, before, strict=True)
 
     def moved(look: Colouring) -> Tensor | float:
-        if not len(unseen):
-            return 0.0
-        few = len(unseen) <= HELD
-        rows = unseen if few else unseen[torch.randint(len(unseen), (HELD,), generator=generator).to(unseen.device)]
-        with torch.no_grad():
-            before = seen.harmonics(rows, first)
-        return (seen.harmonics(rows, look) - before).abs().sum(dim=1).mean()
+        rows, harmonics = next(samples)
+        return (seen.harmonics(rows, look) - harmonics).abs().sum(dim=1).mean() if len(rows) else 0.0
 
     learning = [_Learning(changes[name], rate) for name, rate in rates.items()]
     course = _descent(
@@ -200,6 +198,14 @@ def _place_by_place(
     )
     next(course)  # `first` itself, with which the first part ended
     return (yield from course)
+
+
+def _samples(rows: Int[Tensor, " r"], count: int) -> Int[Tensor, "count s"]:
+    """So many samples of HELD of the rows, or all of them each time if they are no more."""
+    if len(rows) <= HELD:
+        return rows.expand(count, -1)
+    generator = torch.Generator().manual_seed(0)
+    return rows[torch.randint(len(rows), (count, HELD), generator=generator).to(rows.device)]
 
 
 class _Learning:

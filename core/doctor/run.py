@@ -5,7 +5,6 @@ from pathlib import Path
 
 import torch
 
-from core.appearance.sh_transfer import TransferInput
 from core.config import Settings
 from core.data.collection import spread_over
 from core.data.photos.file import named_with_fault
@@ -122,7 +121,7 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
     names = trained.model.photo_names
     masks: dict[str, float] = {}
     unusable: dict[str, str] = {}  # with what to do about each
-    splats, latents = trained.base(trained.splats.finite_rows())
+    base = trained.base(trained.splats.finite_rows())
     added = _Residuals(trained.settings)
     for number, photo in enumerate(photos):
         report.progress("Looks", number + 1, len(photos), photo.name)
@@ -133,7 +132,7 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
             continue
         with torch.no_grad():
             reading = trained.model.read(sized.encoder_input, names.index(photo.name) if photo.name in names else None)
-            residual = trained.model.transfer(TransferInput(splats.sh, splats.means, latents), reading.embedding)[1]
+            residual = trained.model.transfer(base, reading.embedding)[1]
         if reading.mask is not None:
             masks[photo.name] = float(reading.mask.mean())
         if residual is not None and residual.numel():

@@ -5,7 +5,9 @@ look resembles the photo. It is compared with what the training cameras see; the
 camera, which sees a picture more similar yet, and so on, until no more places agree.
 """
 
+from collections.abc import Sequence
 from copy import copy
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,9 +27,10 @@ from core.scene.camera import Camera
 from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 from core.system.device import sent
-from core.system.threads import one_torch_thread
+from core.system.threads import mapped_in_parallel, threads_for_blocks
 
-VIEWS = 64  # training cameras that a photo is compared with, at most
+VIEWS = 64  # training cameras that a photo is compared with, at most,
+AT_ONCE = 8  # so many between two words on the progress
 # The longer sides of pictures: to choose among these cameras, and from there on. A photo from nearer by resembles their
 # pictures once it is smaller.
 COARSE_PX, FINE_PX = (160, 107), 320
@@ -72,6 +75,15 @@ class Seen(NamedTuple):
     is_place: Bool[np.ndarray, " n"]
 
 
+class Compared(NamedTuple):
+    """The photo at one size beside what one training camera sees. coherent: see `coherence` of the pairs."""
+
+    coherent: int
+    shown: Shown
+    seen: Seen
+    pairs: Pairs
+
+
 @torch.no_grad()
 def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, report: Report) -> Located | None:
     """The camera of a photo file, whose look this is; None if too little of it agrees with any picture of the scene.
@@ -83,17 +95,13 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
     photo, lens = Photo.from_outside(path, _anywhere(*size), mask), lens_of(path, *size)
     baked = bake(trained, look)
     cameras = [trained.camera(each) for each in spread_over(trained.collection.split("train"), VIEWS)]
-    with one_torch_thread():
+    with threads_for_blocks():
         coarse, fine = [_shown(photo, lens, px) for px in COARSE_PX], _shown(photo, lens, FINE_PX)
-        likely: list[tuple[int, Shown, Seen, Pairs]] = []
-        for number, camera in enumerate(cameras, 1):
-            report.progress("Looking for its camera", number, len(cameras))
-            seen = _seen(trained, baked, camera.within(COARSE_PX[0]))
-            for shown in coarse:
-                pairs = matches(shown.features, seen.features)
-                likely.append((coherence(pairs, shown.features, seen.features), shown, seen, pairs))
-        likely = sorted(likely, key=lambda each: -each[0])[:LIKELY]
-        starts = list(filter(None, (_located(shown, seen, pairs) for _, shown, seen, pairs in likely)))
+        compared = _compared(trained, baked, cameras, coarse, report)
+        likely = sorted(compared, key=lambda each: -each.coherent)[:LIKELY]
+        starts = list(
+            filter(None, mapped_in_parallel(lambda each: _located(each.shown, each.seen, each.pairs), likely))
+        )
         best = None
         for start in sorted(starts, key=lambda each: -each.agreeing)[:TRIES]:
             end = _followed(trained, baked, fine, start.camera.resized(fine.lens.width, fine.lens.height))
@@ -104,6 +112,28 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
     if best is None or not _is_there(best, LEAST_SHARE):
         return None
     return best._replace(camera=best.camera.resized(*size))
+
+
+def _compared(
+    trained: TrainedRun, baked: Splats, cameras: Sequence[Camera], sizes: Sequence[Shown], report: Report
+) -> list[Compared]:
+    """The photo in each of these sizes beside what each camera sees."""
+
+    def compare(camera: Camera) -> list[Compared]:
+        seen = _seen(trained, baked, camera.within(COARSE_PX[0]))
+        pairs = [matches(shown.features, seen.features) for shown in sizes]
+        return [
+            Compared(coherence(each, shown.features, seen.features), shown, seen, each)
+            for shown, each in zip(sizes, pairs, strict=True)
+        ]
+
+    most = 1 if trained.device.type == "cuda" else None  # one thread at a time gives a GPU its work
+    found: list[Compared] = []
+    for first in range(0, len(cameras), AT_ONCE):
+        some = cameras[first : first + AT_ONCE]
+        found += chain.from_iterable(mapped_in_parallel(compare, some, most))
+        report.progress("Looking for its camera", first + len(some), len(cameras))
+    return found
 
 
 def _anywhere(width: int, height: int) -> Camera:

@@ -31,7 +31,7 @@ class RunView:
         solid = len(trained.splats) - trained.sky
         rows = self.visible.rows
         self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
-        self.smooth_sky = trained.smooth_sky if len(self.discs) else None
+        self.smooth_sky = trained.smooth_sky.of_discs(self.discs) if trained.smooth_sky and len(self.discs) else None
         self.sources = trained.base(
             rows if self.smooth_sky is None else torch.cat([self.place, self.smooth_sky.shown + solid])
         )
@@ -45,10 +45,10 @@ class RunView:
 
     def in_look(self, look: Colouring) -> Splats:
         """The Gaussians in view, in this look; differentiable as `render`."""
-        sh = self._harmonics(*self.sources, look)
+        sh = self._harmonics(self.sources, look)
         if self.smooth_sky is not None:
             place = len(self.place)
-            sh = torch.cat([sh[:place], self.smooth_sky.sh(sh[place:], self.discs)])
+            sh = torch.cat([sh[:place], self.smooth_sky.sh(sh[place:])])
         seen = self.in_view.with_sh(sh)
         return seen if look.tone is None else toned(seen, look.tone, len(self.discs))
 
@@ -58,10 +58,10 @@ class RunView:
 
     def harmonics(self, rows: Int[Tensor, " r"], look: Colouring) -> Float[Tensor, "r c 3"]:
         """The SH of these Gaussians in this look, before tone and smooth sky; differentiable as `render`."""
-        return self._harmonics(*self.trained.base(rows), look)
+        return self._harmonics(self.trained.base(rows), look)
 
-    def _harmonics(self, base: Splats, latents: Float[Tensor, "r l"] | None, look: Colouring) -> Float[Tensor, "r c 3"]:
-        return self.trained.model.transfer(TransferInput(base.sh, base.means, latents), look.embedding, look.changes)[0]
+    def _harmonics(self, base: TransferInput, look: Colouring) -> Float[Tensor, "r c 3"]:
+        return self.trained.model.transfer(base, look.embedding, look.changes)[0]
 
     def bound(self, embedding: Float[Tensor, " e"]) -> Float[Tensor, " e"]:
         """The embedding or, if it lies too far out, the nearest that a refinement may reach."""

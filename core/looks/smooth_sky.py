@@ -6,9 +6,10 @@ takes its colour from those that photos show.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
@@ -61,7 +62,7 @@ class SmoothSky:
         # Discs lie in rings from pole to pole, so these are spread over all that is shown; each stands for `every`.
         shown = shown[::every]
         with one_torch_thread():  # more would round differently
-            directions = torch.nn.functional.normalize(splats.means[-sky:].double(), dim=1)
+            directions = F.normalize(splats.means[-sky:].double(), dim=1)
             # In place: 320 MB for the largest dome.
             angles = (directions @ directions[shown].T).clamp_(-1, 1).arccos_().rad2deg_()
             covariance = angles.div_(-LENGTH_DEGREES).exp_()
@@ -71,11 +72,16 @@ class SmoothSky:
             weights = simple.add_((1 - simple.sum(dim=1, keepdim=True)) * mean)
         return SmoothSky(shown, weights.float(), basis(directions[shown].float(), splats.degree))
 
-    def sh(self, sh: Float[Tensor, "o c 3"], discs: Int[Tensor, " d"] | slice = slice(None)) -> Float[Tensor, "d c 3"]:
-        """The coefficients of these discs, all by default, from those of the discs that photos show."""
+    def of_discs(self, discs: Int[Tensor, " d"]) -> "SmoothSky":
+        """The same for these discs alone, which take their colours from as many others."""
+        return replace(self, weights=self.weights[discs])
+
+    def sh(self, sh: Float[Tensor, "o c 3"]) -> Float[Tensor, "s c 3"]:
+        """The coefficients of all discs from those of the discs that photos show."""
         with one_torch_thread():
-            seen = self.weights[discs] @ evaluated(self.basis, sh)  # less 0.5, as a row of weights adds up to 1
-        return torch.cat([(seen / SH_0)[:, None], sh.new_zeros(len(seen), sh.shape[1] - 1, 3)], dim=1)
+            # Less 0.5, as a row of weights adds up to 1. By channel, product and gradient take a quarter of the time.
+            channels = F.linear(evaluated(self.basis, sh).T.contiguous(), self.weights)
+        return torch.cat([(channels.T / SH_0)[:, None], sh.new_zeros(len(self.weights), sh.shape[1] - 1, 3)], dim=1)
 
     def over(self, baked: Splats) -> Splats:
         """The Gaussians of a look under this sky."""

@@ -12,6 +12,7 @@ import core.rasterizer
 from core.appearance.colouring import Colouring, Weights, blended
 from core.appearance.known_range import KnownRange
 from core.appearance.model import AppearanceModel
+from core.appearance.sh_transfer import TransferInput
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
@@ -87,9 +88,10 @@ class TrainedRun:
         mask = self.model.read(picture).mask
         return None if mask is None else mask[0]
 
-    def base(self, rows: Int[Tensor, " r"] | Bool[Tensor, " n"] | slice) -> tuple[Splats, Float[Tensor, "r l"] | None]:
-        """These Gaussians before any look changes them, and their latents."""
-        return self.splats[rows], None if self.latents is None else self.latents[rows]
+    def base(self, rows: Int[Tensor, " r"] | Bool[Tensor, " n"] | slice) -> TransferInput:
+        """What the SH transfer reads of these Gaussians, in any look."""
+        latents = None if self.latents is None else self.latents[rows]
+        return TransferInput(self.splats.sh[rows], self.splats.means[rows], latents)
 
     def seen_by(self, camera: Camera) -> RunView:
         """What the camera sees of the run, in any look."""
@@ -204,8 +206,7 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
     rows: those that are wanted, all by default; ascending, the whole dome among them.
     """
     embedding, tone, changes = look.colouring
-    splats, latents = trained.base(rows)
-    baked = trained.model.bake(splats, embedding, latents, changes)
+    baked = trained.model.bake(trained.splats[rows], embedding, trained.base(rows).latents, changes)
     if trained.smooth_sky is not None:
         baked = trained.smooth_sky.over(baked)
     return baked if tone is None else toned(baked, tone, trained.sky)

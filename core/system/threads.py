@@ -10,7 +10,7 @@ blocks when it is done; nobody waits for it to begin.
 
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
@@ -18,6 +18,7 @@ from typing import TypeVar
 
 import torch
 
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
@@ -99,6 +100,17 @@ def in_parallel(work: Callable[[int, int], None], total: int, block: int, most: 
             wait(came)
     for other in came:
         other.result()
+
+
+def mapped_in_parallel(work: Callable[[Item], Result], items: Sequence[Item], most: int | None = None) -> list[Result]:
+    """[work(item) for item in items], each item a block of `in_parallel`."""
+    results: dict[int, Result] = {}
+
+    def some(begin: int, end: int) -> None:
+        results.update((number, work(items[number])) for number in range(begin, end))
+
+    in_parallel(some, len(items), 1, most)
+    return [results[number] for number in range(len(items))]
 
 
 def beside(work: Callable[[], Result]) -> Callable[[], Result]:

@@ -18,7 +18,7 @@ from core.appearance.refinement import (
 )
 from core.scene.camera import Camera
 from core.scene.cells import CELL_PX
-from tests.flat_view import FlatView
+from tests.flat_view import FlatInCells, FlatView
 
 PICTURE = torch.full((4, 6, 3), 0.4)
 
@@ -150,6 +150,14 @@ def test_shared_weights_are_refined_last_unless_that_would_change_the_unseen_mor
     assert torch.equal(steps[-1].tone, steps[STEPS].tone)
     change = steps[-1].changes["layers.0.bias"] if steps[-1].changes else torch.zeros(3)
     assert (change < -0.05).all() if learned else (change == 0).all()
+
+
+def test_shared_weights_are_refined_last_where_a_photo_shows_all_of_the_place(monkeypatch):
+    """Nothing is to be held: a mean over nothing would teach nothing."""
+    monkeypatch.setattr(FlatInCells, "unseen", torch.arange(0))
+    view = FlatView((4, 6), bound=lambda embedding: torch.full_like(embedding, 0.9), hidden={"bias": torch.zeros(3)})
+    *_, last = refinement(view, Colouring(torch.full((3,), 0.9)), shown(torch.zeros(4, 6, 3)))
+    assert (last.changes["bias"] < -0.05).all()
 
 
 def test_refinement_starts_from_weights_that_were_changed_before():

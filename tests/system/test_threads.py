@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import core.system.threads
-from core.system.threads import beside, in_parallel, one_torch_thread, threads_for_blocks
+from core.system.threads import beside, in_parallel, mapped_in_parallel, one_torch_thread, threads_for_blocks
 
 
 @pytest.fixture(params=[1, 2, 4])
@@ -32,6 +32,21 @@ def test_every_row_exactly_once(threads, rows):
     assert set(inside) <= {(1, False)}
     assert len(inside) == -(-rows // 8)
     assert torch.get_num_threads() == threads
+
+
+@pytest.mark.parametrize("most", [None, 1])
+def test_results_stand_in_the_order_of_the_items(threads, most):
+    """The first takes longest; with `most` of one, all of them on the calling thread."""
+    places = set()
+
+    def square(number: int) -> int:
+        time.sleep(0.02 if number == 0 else 0.001)
+        places.add(threading.get_ident())
+        return number**2
+
+    assert mapped_in_parallel(square, range(12), most) == [number**2 for number in range(12)]
+    assert places == {threading.get_ident()} or most is None and threads > 1
+    assert mapped_in_parallel(square, []) == []
 
 
 def test_exceptions_come_out_and_the_setting_is_put_back(threads):

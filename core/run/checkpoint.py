@@ -145,18 +145,3 @@ def fitting(path: Path) -> Iterator[None]:
             f"{path} does not fit its run: {type(problem).__name__}: {reason}.",
             "It was changed, or is of another version of wegs: train the run again.",
         ) from None
-
-
-def optimizer_tensors(optimizer: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """The state of a torch optimizer as flat tensors, by parameter index and entry."""
-    state = optimizer.state_dict()["state"]
-    return {f"{index}.{name}": value for index, entries in state.items() for name, value in entries.items()}
-
-
-def restore_optimizer(optimizer: torch.optim.Optimizer, tensors: dict[str, Tensor]) -> None:
-    """The inverse of `optimizer_tensors`; learning rates are the caller's."""
-    state: dict[int, dict[str, Tensor]] = {}
-    for key, value in tensors.items():
-        index, name = key.split(".", 1)
-        state.setdefault(int(index), {})[name] = value
-    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})

@@ -3,7 +3,7 @@
 the loop         trainer, step, step_cuda, moment, density, schedule, guards, held_out
 what is decided  decisions, evidence, sightings
 photos           sized_photos, jitter
-networks         network_updates
+networks         network_updates, network_adam
 for the user     tell, progress, interrupt, rescue, mask_files
 
 losses/          what a step minimises: objective, and the losses it weighs

@@ -4,15 +4,15 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from core.config import Settings
 from core.training import guards, schedule
+from core.training.network_adam import NetworkAdam
 
 
-def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | None:
+def optimizer_of(model: nn.Module, settings: Settings) -> NetworkAdam | None:
     """The optimizer of all weights of the model; None for a model without weights."""
     rates = {
         "encoder.unet": settings.network_rate,
@@ -23,18 +23,13 @@ def optimizer_of(model: nn.Module, settings: Settings) -> torch.optim.Adam | Non
     for name, weight in model.named_parameters():
         rate = next((rate for part, rate in rates.items() if name.startswith(part)), settings.network_rate)
         groups.setdefault(rate, []).append(weight)
-    if not groups:
-        return None
-    on_cpu = next(model.parameters()).device.type == "cpu"
-    return torch.optim.Adam(
-        [{"params": g, "lr": rate, "rate": rate} for rate, g in groups.items()], fused=True, capturable=not on_cpu
-    )
+    return NetworkAdam(groups) if groups else None
 
 
-def rates_at(optimizer: torch.optim.Adam | None, progress: float) -> list[float]:
-    """The learning rate of each parameter group at this progress of the run."""
-    groups = [] if optimizer is None else optimizer.param_groups
-    return [schedule.decayed(group["rate"], progress, schedule.NETWORK_RATE_DECAY) for group in groups]
+def rates_at(optimizer: NetworkAdam | None, progress: float) -> list[float]:
+    """The learning rate of each group of weights at this progress of the run."""
+    rates = [] if optimizer is None else optimizer.rates
+    return [schedule.decayed(rate, progress, schedule.NETWORK_RATE_DECAY) for rate in rates]
 
 
 @contextmanager
@@ -60,24 +55,15 @@ def encoder_backward_beside(
     (started[0] if started else work)()
 
 
-def update(
-    optimizer: torch.optim.Adam | None, rates: Iterable[float | Tensor], taken: Bool[Tensor, ""]
-) -> Bool[Tensor, ""]:
+def update(optimizer: NetworkAdam | None, rates: Iterable[float | Tensor], taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
     """One step of the optimizer if the training step is `taken` and all gradients are finite; returns whether.
 
     rates: of each group; on a GPU tensors () there, like everything that a recorded step reads.
     """
     if optimizer is None:
         return taken
-    learned = taken & guards.finite(
-        (weight.grad for group in optimizer.param_groups for weight in group["params"]), taken.device
-    )
-    if guards.known_invalid(learned):
-        return learned
-    for group, rate in zip(optimizer.param_groups, rates, strict=True):
-        group["lr"] = rate
-    if learned.device.type != "cpu":
-        # As torch's GradScaler leaves the choice to the GPU.
-        optimizer.found_inf = (~learned).float()  # type: ignore[attr-defined]
-    optimizer.step()
+    learned = taken & guards.finite((learner.weight.grad for learner in optimizer.learners), taken.device)
+    if not guards.known_invalid(learned):
+        # A GPU chooses itself, as with torch's GradScaler.
+        optimizer.step(rates, None if learned.device.type == "cpu" else (~learned).float())
     return learned

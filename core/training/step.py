@@ -30,6 +30,7 @@ from core.training.losses.backward import backward
 from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
 from core.training.moment import Moment
+from core.training.network_adam import NetworkAdam
 from core.training.sized_photos import SizedPhotos
 
 Result = TypeVar("Result")
@@ -106,7 +107,7 @@ class Stepper:
     settings: Settings
     photos: SizedPhotos
     model: AppearanceModel
-    optimizer: torch.optim.Adam | None
+    optimizer: NetworkAdam | None
     objective: Objective
     rasterizer: Rasterizer
     generator: torch.Generator

@@ -289,7 +289,7 @@ class Trainer:
             "random": {"generator": self.generator.get_state()},
         }
         if self.optimizer is not None:
-            parts["optimizer"] = checkpoint.optimizer_tensors(self.optimizer)
+            parts["optimizer"] = self.optimizer.tensors()
         if self.state.done == self.settings.steps and len(self.model.met_embeddings):
             told = within_step(self.state.done - 1, "looks", self.settings, self.report)
             parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(self._encoder_inputs(told))))
@@ -313,6 +313,6 @@ class Trainer:
         self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))
         if self.optimizer is not None:
-            checkpoint.restore_optimizer(self.optimizer, saved.part("optimizer"))
+            self.optimizer.restore(saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
         self.state, self.last_losses = state, guards.LastLosses(state.last_losses)

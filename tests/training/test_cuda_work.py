@@ -11,7 +11,6 @@ import torch
 
 import core.rasterizer
 from core.automatic import AUTO_PIXELS
-from core.run import checkpoint
 from core.system import device
 from core.system.threads import beside
 from core.training.gaussians.gaussians import Gaussians
@@ -248,7 +247,7 @@ def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
     state = {
         **trainer.gaussians.tensors(),
         **trainer.model.state_dict(),
-        **checkpoint.optimizer_tensors(trainer.optimizer),
+        **trainer.optimizer.tensors(),
     }
     before = {name: tensor.cpu().clone() for name, tensor in state.items()}
     honest = trainer.objective.picture
@@ -258,7 +257,7 @@ def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
     state = {
         **trainer.gaussians.tensors(),
         **trainer.model.state_dict(),
-        **checkpoint.optimizer_tensors(trainer.optimizer),
+        **trainer.optimizer.tensors(),
     }
     for name, tensor in before.items():
         assert torch.equal(tensor, state[name].cpu()), name

@@ -25,8 +25,8 @@ PHOTOS = ["a.jpg", "b.jpg"]
 def test_every_network_learns_at_its_own_rate(changes, expected):
     settings = small_settings(**RATES, **changes)
     model = AppearanceModel(settings, PHOTOS)
-    groups = network_updates.optimizer_of(model, settings).param_groups
-    rates = {weight: group["rate"] for group in groups for weight in group["params"]}
+    optimizer = network_updates.optimizer_of(model, settings)
+    rates = {each.weight: rate for rate, group in zip(optimizer.rates, optimizer.groups) for each in group}
     for name, weight in model.named_parameters():
         (rate,) = (rate for part, rate in expected.items() if name.startswith(part))
         assert rates.pop(weight) == rate, name

@@ -268,7 +268,7 @@ def test_an_invalid_step_is_skipped_counted_and_leaves_no_trace(collection, tmp_
     for _ in range(12):
         trainer.step()
     state = {**trainer.gaussians.tensors(), **trainer.model.state_dict()}
-    state |= checkpoint.optimizer_tensors(trainer.optimizer)
+    state |= trainer.optimizer.tensors()
     before = {name: tensor.clone() for name, tensor in state.items()}
     spoil(trainer, 1, WRONG[words])
     (message,) = trainer.step().messages
@@ -276,7 +276,7 @@ def test_an_invalid_step_is_skipped_counted_and_leaves_no_trace(collection, tmp_
     after = {
         **trainer.gaussians.tensors(),
         **trainer.model.state_dict(),
-        **checkpoint.optimizer_tensors(trainer.optimizer),
+        **trainer.optimizer.tensors(),
     }
     for name, tensor in before.items():
         assert torch.equal(tensor, after[name]), name

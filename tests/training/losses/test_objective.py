@@ -80,7 +80,7 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
     bias = trainer.model.encoder.unet.up_2.bias
     readings, transfers = (recorded(monkeypatch, trainer.model, name) for name in ("read", "transfer"))
     masks = recorded(monkeypatch, trainer.objective, "mask")
-    monkeypatch.setattr(trainer.optimizer, "step", lambda: None)
+    monkeypatch.setattr(trainer.optimizer, "step", lambda *_: None)
     picture = trainer.objective.picture  # made to weigh so much that both show in the sum
     monkeypatch.setattr(trainer.objective, "picture", lambda *call: 1e3 * picture(*call))
     trainer.step()

@@ -4,16 +4,31 @@ import torch
 from torch import Tensor
 
 
+@torch.enable_grad()  # also within a backward pass, which turns it off
 def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
     """torch's backward pass from several roots at once: tensors, each paired with its gradient;
     a loss, which is a scalar, with None.
 
     Left out are roots that are None, that require no gradient, and that are not scalars but come without a gradient.
     """
-    tensors, gradients = [], []
-    for root, gradient in roots:
-        if root is not None and root.requires_grad and (gradient is not None or not root.dim()):
-            tensors.append(root)
-            gradients.append(gradient)
-    if tensors:
-        torch.autograd.backward(tensors, gradients)
+    losses = [
+        root if gradient is None else _Zero.apply(root, gradient)
+        for root, gradient in roots
+        if root is not None and root.requires_grad and (gradient is not None or not root.dim())
+    ]
+    if losses:
+        torch.autograd.backward(losses)
+
+
+class _Zero(torch.autograd.Function):
+    """Zero, as a function of a tensor by which its gradient is the given one.
+    For gradients that are given otherwise, torch loads sympy, which takes half a second before the first step."""
+
+    @staticmethod
+    def forward(ctx, tensor: Tensor, gradient: Tensor) -> Tensor:
+        ctx.save_for_backward(gradient)
+        return tensor.new_zeros(())
+
+    @staticmethod
+    def backward(ctx, _):
+        return *ctx.saved_tensors, None

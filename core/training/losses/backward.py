@@ -12,7 +12,7 @@ def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
     Left out are roots that are None, that require no gradient, and that are not scalars but come without a gradient.
     """
     losses = [
-        root if gradient is None else _Zero.apply(root, gradient)
+        root if gradient is None else _Start.apply(root, gradient)
         for root, gradient in roots
         if root is not None and root.requires_grad and (gradient is not None or not root.dim())
     ]
@@ -20,14 +20,14 @@ def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
         torch.autograd.backward(losses)
 
 
-class _Zero(torch.autograd.Function):
-    """Zero, as a function of a tensor by which its gradient is the given one.
+class _Start(torch.autograd.Function):
+    """A scalar by which the gradient of a tensor is the given one; its value is nobody's business.
     For gradients that are given otherwise, torch loads sympy, which takes half a second before the first step."""
 
     @staticmethod
     def forward(ctx, tensor: Tensor, gradient: Tensor) -> Tensor:
         ctx.save_for_backward(gradient)
-        return tensor.new_zeros(())
+        return tensor.new_empty(())
 
     @staticmethod
     def backward(ctx, _):

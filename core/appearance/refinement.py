@@ -8,6 +8,7 @@ part meanwhile, or it would take on colours that nothing bears out.
 
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
+from itertools import cycle
 from math import cos, pi
 from typing import Protocol, runtime_checkable
 
@@ -186,7 +187,7 @@ def _place_by_place(
     held = _samples(unseen, LATER_STEPS + 1)
     with torch.no_grad():
         before = seen.harmonics(held.flatten(), first).unflatten(0, held.shape)
-    samples = zip(held, before, strict=True)
+    samples = cycle(zip(held, before, strict=True))
 
     def moved(look: Colouring) -> Tensor | float:
         rows, harmonics = next(samples)
@@ -200,10 +201,10 @@ def _place_by_place(
     return (yield from course)
 
 
-def _samples(rows: Int[Tensor, " r"], count: int) -> Int[Tensor, "count s"]:
-    """So many samples of HELD of the rows, or all of them each time if they are no more."""
+def _samples(rows: Int[Tensor, " r"], count: int) -> Int[Tensor, "k s"]:
+    """So many samples of HELD of the rows; one of all if there are no more."""
     if len(rows) <= HELD:
-        return rows.expand(count, -1)
+        return rows[None]
     generator = torch.Generator().manual_seed(0)
     return rows[torch.randint(len(rows), (count, HELD), generator=generator).to(rows.device)]
 

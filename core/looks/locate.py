@@ -76,9 +76,8 @@ class Seen(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """The photo at one size beside what one training camera sees. coherent: see `coherence` of the pairs."""
+    """The photo at one size beside what a training camera sees, and which of their points match."""
 
-    coherent: int
     shown: Shown
     seen: Seen
     pairs: Pairs
@@ -98,10 +97,8 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
     with threads_for_blocks():
         coarse, fine = [_shown(photo, lens, px) for px in COARSE_PX], _shown(photo, lens, FINE_PX)
         compared = _compared(trained, baked, cameras, coarse, report)
-        likely = sorted(compared, key=lambda each: -each.coherent)[:LIKELY]
-        starts = list(
-            filter(None, mapped_in_parallel(lambda each: _located(each.shown, each.seen, each.pairs), likely))
-        )
+        likely = sorted(compared, key=lambda each: -coherence(each.pairs, each.shown.features, each.seen.features))
+        starts = list(filter(None, mapped_in_parallel(lambda each: _located(*each), likely[:LIKELY])))
         best = None
         for start in sorted(starts, key=lambda each: -each.agreeing)[:TRIES]:
             end = _followed(trained, baked, fine, start.camera.resized(fine.lens.width, fine.lens.height))
@@ -121,11 +118,7 @@ def _compared(
 
     def compare(camera: Camera) -> list[Compared]:
         seen = _seen(trained, baked, camera.within(COARSE_PX[0]))
-        pairs = [matches(shown.features, seen.features) for shown in sizes]
-        return [
-            Compared(coherence(each, shown.features, seen.features), shown, seen, each)
-            for shown, each in zip(sizes, pairs, strict=True)
-        ]
+        return [Compared(shown, seen, matches(shown.features, seen.features)) for shown in sizes]
 
     most = 1 if trained.device.type == "cuda" else None  # one thread at a time gives a GPU its work
     found: list[Compared] = []

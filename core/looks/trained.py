@@ -90,8 +90,11 @@ class TrainedRun:
 
     def base(self, rows: Int[Tensor, " r"] | Bool[Tensor, " n"] | slice) -> TransferInput:
         """What the SH transfer reads of these Gaussians, in any look."""
-        latents = None if self.latents is None else self.latents[rows]
-        return TransferInput(self.splats.sh[rows], self.splats.means[rows], latents)
+        return TransferInput(self.splats.sh[rows], self.splats.means[rows], self.latents_of(rows))
+
+    def latents_of(self, rows: Int[Tensor, " r"] | Bool[Tensor, " n"] | slice) -> Float[Tensor, "r l"] | None:
+        """The latents of these Gaussians, if the run has any."""
+        return None if self.latents is None else self.latents[rows]
 
     def seen_by(self, camera: Camera) -> RunView:
         """What the camera sees of the run, in any look."""
@@ -206,7 +209,7 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
     rows: those that are wanted, all by default; ascending, the whole dome among them.
     """
     embedding, tone, changes = look.colouring
-    baked = trained.model.bake(trained.splats[rows], embedding, trained.base(rows).latents, changes)
+    baked = trained.model.bake(trained.splats[rows], embedding, trained.latents_of(rows), changes)
     if trained.smooth_sky is not None:
         baked = trained.smooth_sky.over(baked)
     return baked if tone is None else toned(baked, tone, trained.sky)

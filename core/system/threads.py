@@ -106,10 +106,10 @@ def mapped_in_parallel(work: Callable[[Item], Result], items: Sequence[Item], mo
     """[work(item) for item in items], each item a block of `in_parallel`."""
     results: dict[int, Result] = {}
 
-    def some(begin: int, end: int) -> None:
-        results.update((number, work(items[number])) for number in range(begin, end))
+    def one(number: int, _: int) -> None:
+        results[number] = work(items[number])
 
-    in_parallel(some, len(items), 1, most)
+    in_parallel(one, len(items), 1, most)
     return [results[number] for number in range(len(items))]
 
 

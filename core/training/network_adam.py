@@ -26,7 +26,7 @@ class Learner:
 
     def __post_init__(self):
         self.steps = torch.zeros((), device=self.weight.device)
-        self.first, self.second = (torch.zeros_like(self.weight, requires_grad=False) for _ in range(2))
+        self.first, self.second = torch.zeros_like(self.weight), torch.zeros_like(self.weight)
 
 
 class NetworkAdam:

@@ -19,7 +19,7 @@ from core.scene.camera import Camera
 from core.system import memory
 from core.system.device import CPU
 from core.system.process import blocks_apart, return_freed
-from core.system.threads import in_parallel, threads
+from core.system.threads import mapped_in_parallel, threads
 from core.training.losses.canvas import TargetOnCanvas
 from core.training.losses.photometric import Target
 from core.words import Reasons
@@ -145,16 +145,14 @@ def _decoded(
     photos: Sequence[Photo], load: Callable[[Photo], SizedPhoto], decoders: int
 ) -> list[SizedPhoto | BadInput]:
     """What `load` returns or raises for each photo, in their order. decoders: threads at most."""
-    found: dict[int, SizedPhoto | BadInput] = {}
 
-    def decode(index: int, _: int) -> None:
+    def decode(photo: Photo) -> SizedPhoto | BadInput:
         try:
-            found[index] = load(photos[index])
+            return load(photo)
         except BadInput as problem:
-            found[index] = problem
+            return problem
 
-    in_parallel(decode, len(photos), 1, most=decoders)
-    return [found[index] for index in range(len(photos))]
+    return mapped_in_parallel(decode, photos, most=decoders)
 
 
 def _shrunk(camera: Camera, factor: int) -> tuple[int, int]:

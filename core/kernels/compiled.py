@@ -80,23 +80,27 @@ class _WithoutCollections(event.Listener):
 event.register("numba:compile", _WithoutCollections())
 
 
-class _Told(event.Listener):
-    """Tells a report once that kernels are compiled."""
+class _First(event.Listener):
+    """Makes one call when it first hears something."""
 
-    def __init__(self, report: Report):
-        self.report = report
-        self.is_told = False
+    def __init__(self, call: Callable[[], None]):
+        self.call = call
+        self.is_made = False
 
     def on_start(self, _):
-        if not self.is_told:
-            self.is_told = True
-            self.report.say("Compiling the kernels, the first time only: some 15 s")
+        if not self.is_made:
+            self.is_made = True
+            self.call()
 
     def on_end(self, _):
         pass
 
 
+def at_first_compilation(call: Callable[[], None]) -> AbstractContextManager:
+    """A block that makes this call, once, as soon as a kernel is compiled in it, not loaded from the cache."""
+    return event.install_listener("numba:compile", _First(call))
+
+
 def compiling_told(report: Report) -> AbstractContextManager:
-    """A block that tells `report` if kernels are compiled in it, not loaded from the cache:
-    nothing else is heard until they are."""
-    return event.install_listener("numba:compile", _Told(report))
+    """A block that tells `report` if kernels are compiled in it: nothing else is heard until they are."""
+    return at_first_compilation(lambda: report.say("Compiling the kernels, the first time only: some 15 s"))

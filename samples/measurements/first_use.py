@@ -48,11 +48,13 @@ def first_step(started: float) -> dict[str, float]:
     import torch  # noqa: F401
 
     lap("Python and torch")
+    from core.training.compiling import compile_kernels
     from samples.measurements.steps import EVERYTHING, trainer_of
 
     lap("wegs")
     trainer = trainer_of(SCALE, EVERYTHING)
     lap("photos")
+    compile_kernels()
     trainer.step()
     lap("first step")
     trainer.step()

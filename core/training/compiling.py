@@ -1,0 +1,77 @@
+"""The kernels of a step compiled in two processes at once, where Numba's cache does not hold them yet.
+
+Numba compiles under a lock, so threads would wait for each other. While this process learns from a picture of a few
+Gaussians, which compiles the rasterizer and the picture loss, another puts them into a look, and this one then finds
+the kernels of the SH transfer in the cache. What is missing there, as after a failure, the first step compiles.
+"""
+
+import subprocess
+import sys
+from contextlib import ExitStack, suppress
+
+import numpy as np
+import torch
+
+import core.rasterizer
+from core.appearance.sh_transfer import SHTransfer, TransferInput
+from core.config import Settings
+from core.kernels.compiled import at_first_compilation
+from core.scene.camera import Camera
+from core.scene.splats import Splats
+from core.system import memory
+from core.system.threads import threads
+from core.training.losses.photometric import Target, photometric
+
+PROCESS_BYTES = 1 << 30  # at most, of a process that compiles
+COUNT, SIDE_PX = 8, 16  # Gaussians; of the picture
+ELSEWHERE = "import sys; sys.path[:] = sys.argv[1:]; from core.training import compiling; compiling.learn_look()"
+
+
+def compile_kernels() -> None:
+    """Compile what a step with looks takes on a CPU, unless it is in the cache, or there is no room for two."""
+    if threads() == 1 or memory.fitting(PROCESS_BYTES) == 1:
+        return
+    with ExitStack() as processes:
+
+        def start_other() -> None:
+            with suppress(OSError):
+                processes.enter_context(_learning_elsewhere())
+
+        with at_first_compilation(start_other):
+            learn_picture()
+
+
+def _learning_elsewhere() -> subprocess.Popen:
+    """`learn_look` in another process, which finds the modules that this one finds, and which Ctrl-C does not reach.
+    As a context manager it is waited for."""
+    nothing = subprocess.DEVNULL
+    command = [sys.executable, "-c", ELSEWHERE, *sys.path]
+    return subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True)
+
+
+def learn_picture() -> None:
+    """A picture of a few Gaussians, its loss, and their gradients."""
+    along = torch.linspace(-1, 1, COUNT)
+    splats = Splats(
+        means=torch.stack([along, along, 3 + along], dim=1),
+        quaternions=torch.eye(4)[:1].repeat(COUNT, 1),
+        log_scales=torch.full((COUNT, 3), -1.0),
+        logit_opacities=torch.zeros(COUNT),
+        sh=torch.zeros(COUNT, 1, 3),
+    )
+    lens = SIDE_PX, SIDE_PX, SIDE_PX / 2, SIDE_PX / 2
+    camera = Camera(np.eye(3), np.zeros(3), *lens, SIDE_PX, SIDE_PX)
+    rasterizer = core.rasterizer.create("cpu", "cpu")
+    visible = rasterizer.visible(splats, camera)
+    seen = splats[visible.rows].map(lambda tensor: tensor.requires_grad_())
+    probe = torch.zeros(len(seen), 2, requires_grad=True)
+    image = rasterizer.render(seen, camera, probe=probe, known=visible.known)
+    photometric(image, Target(image.detach()), None, ssim_weight=0.2).backward()
+
+
+def learn_look() -> None:
+    """A look of a few Gaussians, and its gradients."""
+    settings = Settings(sh_degree=0)
+    sh, latents = torch.zeros(COUNT, 1, 3), torch.zeros(COUNT, settings.latent_size)
+    base = TransferInput(sh.requires_grad_(), torch.zeros(COUNT, 3), latents.requires_grad_())
+    SHTransfer(settings)(base, torch.zeros(settings.embedding_size)).sum().backward()

@@ -9,15 +9,25 @@ just compiled, but not by one from the cache, which brings its own copy; and two
 
 `exact_` ones round after every operation, as written. In the others a product and a sum may become one instruction,
 which rounds once; anything more would let LLVM assume that no NaN comes by.
+
+On its own Numba keeps a kernel on disk until its file changes. Ours are kept until anything changes that they are made
+of, which may lie in other files.
 """
 
 import gc
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from functools import cache
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 
+import numpy as np
 from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+from numba.extending import _Intrinsic
 
 from core.errors import DiskFull, as_disk_full
 from core.report import Report
@@ -28,7 +38,10 @@ _PART = {"forceinline": True, "error_model": "numpy", "no_cfunc_wrapper": True, 
 
 
 class _Cache(FunctionCache):
-    """Numba's, which says where it found no room."""
+    """Numba's, which knows what a kernel is made of, and says where it found no room."""
+
+    def _index_key(self, sig, codegen):
+        return *super()._index_key(sig, codegen), made_of(self._py_func)
 
     def save_overload(self, sig, data):
         try:
@@ -38,6 +51,35 @@ class _Cache(FunctionCache):
                 raise
             fix = "Free some space, or set NUMBA_CACHE_DIR to a folder on another disk."
             raise DiskFull(f"The disk is full: compiled kernels could not be kept in {self.cache_path}.", fix) from None
+
+
+@cache
+def made_of(kernel: FunctionType) -> str:
+    """A digest of what a kernel is made of: the files of its parts, of their parts and of intrinsics,
+    the constants that they use, and this file."""
+    functions, files, constants = [kernel], {__file__}, set()
+    for function in functions:  # those that it calls are added on the way
+        files.add(function.__code__.co_filename)
+        for name in _names_in(function.__code__):
+            value = function.__globals__.get(name)
+            if isinstance(value, Dispatcher) and value.py_func not in functions:
+                functions.append(value.py_func)
+            elif isinstance(value, _Intrinsic):
+                files.add(value._defn.__code__.co_filename)
+            elif isinstance(value, ModuleType) and value.__name__.startswith("core."):
+                files.add(str(value.__file__))
+            elif isinstance(value, int | float | tuple | np.generic | np.ndarray):
+                constants.add(f"{name} = {value!r}")
+    contents = (Path(file).read_bytes() for file in sorted(files))
+    return hashlib.sha256(b"".join([*contents, *map(str.encode, sorted(constants))])).hexdigest()
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    """The global names that a function may use, and those of attributes."""
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):  # a function in it
+            yield from _names_in(constant)
 
 
 def _kept(compiled: Callable) -> Callable:

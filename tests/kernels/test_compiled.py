@@ -1,6 +1,10 @@
 """How kernels are compiled: what it must not leave behind."""
 
 import gc
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from numba import njit
@@ -8,8 +12,10 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.errors import TypingError
 
+import core
 from core.errors import DiskFull
-from core.kernels.compiled import compiling_told, exact_kernel, exact_part
+from core.kernels.compiled import compiling_told, exact_kernel, exact_part, made_of
+from core.rasterizer.cpu.blend_forward import blend_forward
 from tests.failing import DISK_FULL, failing
 from tests.heard import Heard
 
@@ -75,3 +81,53 @@ def test_compiling_is_announced_once_and_not_for_cached_kernels():
         with compiling_told(heard):
             assert [kernel(6.0) for kernel in kernels] == [3, 2]
         assert heard.lines == lines
+
+
+KERNEL_OF_THREE_FILES = {
+    "constant.py": "OFFSET = 1",
+    "part.py": """
+from core.kernels.compiled import exact_part
+from constant import OFFSET
+
+@exact_part
+def moved(x):
+    return x + OFFSET
+""",
+    "kernel.py": """
+from core.kernels.compiled import exact_kernel
+from part import moved
+
+@exact_kernel
+def moved_twice(x):
+    return moved(moved(x))
+
+print(moved_twice(10), sum(moved_twice.stats.cache_hits.values()))
+""",
+}
+
+
+def test_a_kernel_is_kept_until_anything_changes_that_it_is_made_of(tmp_path):
+    """Each time in a fresh process, with the kernel's own file as it was."""
+    for name, text in KERNEL_OF_THREE_FILES.items():
+        (tmp_path / name).write_text(text)
+    environment = os.environ | {"PYTHONPATH": str(Path(core.__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def result_and_hits() -> list[str]:
+        command = [sys.executable, str(tmp_path / "kernel.py")]
+        return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout.split()
+
+    def edit(name: str, old: str, new: str) -> None:
+        (tmp_path / name).write_text(KERNEL_OF_THREE_FILES[name].replace(old, new))
+
+    assert [result_and_hits(), result_and_hits()] == [["12", "0"], ["12", "1"]]
+    edit("constant.py", "1", "2.5")
+    assert [result_and_hits(), result_and_hits()] == [["15.0", "0"], ["15.0", "1"]]
+    edit("part.py", "x + OFFSET", "x - OFFSET")
+    assert result_and_hits() == ["5.0", "0"]
+
+
+def test_intrinsics_and_modules_of_constants_are_part_of_a_kernel(monkeypatch):
+    contents = {}
+    monkeypatch.setattr(Path, "read_bytes", lambda path: contents.setdefault(path.name, b""))
+    made_of.__wrapped__(blend_forward.py_func)
+    assert set(contents) >= {"simd.py", "layout.py", "blend.py", "blend_forward.py", "compiled.py"}

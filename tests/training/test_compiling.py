@@ -13,13 +13,14 @@ import sys
 from pathlib import Path
 
 from core.training.compiling import learn_look, learn_picture
+from numba.core.dispatcher import Dispatcher
 from samples.measurements.steps import EVERYTHING, trainer_of
 
 
 def known():
     modules = [module for name, module in sys.modules.items() if name.startswith("core.")]
     named = {(value.__module__, name): value for module in modules for name, value in vars(module).items()
-             if hasattr(value, "signatures")}
+             if isinstance(value, Dispatcher)}
     return {(*name, signature) for name, kernel in named.items() for signature in kernel.signatures}
 
 

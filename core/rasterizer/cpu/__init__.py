@@ -3,6 +3,4 @@
 backend (the contract, as a torch.autograd.Function) -> project and project_backward (Gaussians to ellipses and back)
 -> bin (depth order, tile lists) -> blend_forward and blend_backward (the pixels), over blend (a chunk of eight pixels)
 and core.kernels.simd (the eight lanes), run by core.system.threads.
-
-After an edit of what these files import from, old machine code may go on running: core/README.md, "A trap".
 """

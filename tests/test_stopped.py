@@ -119,6 +119,15 @@ def test_closing_the_terminal_saves_the_step_and_stops(scene, tmp_path):
     assert checkpoint.read_facts(checkpoint.newest(tmp_path / "run"))["step"] == 5
 
 
+def test_a_stop_while_kernels_are_compiled_says_how_to_go_on(scene, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("core.pipeline.training.compile_kernels", failing(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt, match="No step was taken yet; go on with: wegs train --resume -o"):
+            pipeline.train(scene, small_settings(steps=STEPS, appearance="full"), tmp_path / "run")
+    pipeline.resume(tmp_path / "run")
+    assert (tmp_path / "run" / CLOUD).is_file()
+
+
 def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("core.pipeline.training.write_masks", failing(KeyboardInterrupt))

@@ -22,6 +22,7 @@ from core.run.claim import held, new_run
 from core.run.sized_photo import check_resolution
 from core.system import device
 from core.system.outputs import check_apart
+from core.training.compiling import compile_kernels
 from core.training.interrupt import StopRequest
 from core.training.mask_files import write_masks
 from core.training.rescue import as_no_room, saved_if_room_runs_out
@@ -127,6 +128,11 @@ def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
     advice = checkpoint.how_to_go_on(folder)
     tell_plan(trainer, report)
+    if trainer.rasterizer.name == "cpu" and settings.appearance == "full":
+        try:
+            compile_kernels()
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"No step was taken yet; go on with: {advice}") from None
     with StopRequest() as stop, saved_if_room_runs_out(trainer):
         for step in trainer.train():
             tell_step(step, settings, report)

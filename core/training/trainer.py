@@ -24,7 +24,6 @@ from core.run.transparency import transparent_is_empty, transparent_may_be_empty
 from core.system import device
 from core.system.threads import one_torch_thread, threads_for_blocks
 from core.training import decisions, guards, held_out, network_updates, schedule
-from core.training.compiling import compile_kernels
 from core.training.density import DensityControl
 from core.training.gaussians.gaussians import Gaussians
 from core.training.gaussians.initialisation import initial_gaussians
@@ -149,8 +148,6 @@ class Trainer:
         """Take all remaining steps, yielding a report after each;
         checkpoints and history.csv are written on the way."""
         settings, state = self.settings, self.state
-        if self.rasterizer.name == "cpu" and settings.appearance == "full":
-            compile_kernels()
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
         while state.done < settings.steps:
             start = time.perf_counter()

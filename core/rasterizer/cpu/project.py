@@ -248,7 +248,8 @@ def colour_footprints(begin, end, means, sh, centre, slot_starts, uncoloured, fo
         offset = subtract(row(means, i), centre)
         fill_basis(basis, scaled(1.0 / math.sqrt(dot(offset, offset)), offset), sh.shape[1])
         red, green, blue = colour(sh, i, basis)
-        footprints[i] = uncoloured[i]
+        for column in range(layout.FOOTPRINT_COLUMNS):  # a whole row takes Numba three seconds to compile
+            footprints[i, column] = uncoloured[i, column]
         footprints[i, layout.RED] = max(red, 0.0)
         footprints[i, layout.GREEN] = max(green, 0.0)
         footprints[i, layout.BLUE] = max(blue, 0.0)

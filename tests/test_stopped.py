@@ -128,6 +128,12 @@ def test_a_stop_while_kernels_are_compiled_says_how_to_go_on(scene, tmp_path, mo
     assert (tmp_path / "run" / CLOUD).is_file()
 
 
+def test_a_disk_without_room_for_kernels_says_how_to_go_on(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("core.pipeline.training.compile_kernels", failing(disk_full("kernels")))
+    with pytest.raises(TrainingStopped, match="Saved at step 0, .* then type: wegs train --resume -o"):
+        pipeline.train(scene, small_settings(steps=STEPS, appearance="full"), tmp_path / "run")
+
+
 def test_a_stop_after_the_last_step_says_how_to_finish(scene, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("core.pipeline.training.write_masks", failing(KeyboardInterrupt))

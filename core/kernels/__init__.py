@@ -1,1 +1,1 @@
-"""What kernels are written with: vectors for Numba, how Numba compiles, how Triton launches."""
+"""What kernels are written with: vectors for Numba, how Numba compiles and what it keeps, how Triton launches."""

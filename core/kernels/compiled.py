@@ -11,25 +11,19 @@ just compiled, but not by one from the cache, which brings its own copy; and two
 which rounds once; anything more would let LLVM assume that no NaN comes by.
 
 On its own Numba keeps a kernel on disk until its file changes. Ours are kept until anything changes that they are made
-of, which may lie in other files.
+of (core.kernels.made_of), which may lie in other files.
 """
 
 import gc
-import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager
-from functools import cache
-from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
 
-import numpy as np
 from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache
-from numba.core.dispatcher import Dispatcher
-from numba.extending import _Intrinsic
 
 from core.errors import DiskFull, as_disk_full
+from core.kernels.made_of import content, made_of
 from core.report import Report
 
 _CONTRACTING = {"fastmath": {"contract"}}
@@ -53,33 +47,14 @@ class _Cache(FunctionCache):
             raise DiskFull(f"The disk is full: compiled kernels could not be kept in {self.cache_path}.", fix) from None
 
 
-@cache
-def made_of(kernel: FunctionType) -> str:
-    """A digest of what a kernel is made of: the files of its parts, of their parts and of intrinsics,
-    the constants that they use, and this file."""
-    functions, files, constants = [kernel], {__file__}, set()
-    for function in functions:  # those that it calls are added on the way
-        files.add(function.__code__.co_filename)
-        for name in _names_in(function.__code__):
-            value = function.__globals__.get(name)
-            if isinstance(value, Dispatcher) and value.py_func not in functions:
-                functions.append(value.py_func)
-            elif isinstance(value, _Intrinsic):
-                files.add(value._defn.__code__.co_filename)
-            elif isinstance(value, ModuleType) and value.__name__.startswith("core."):
-                files.add(str(value.__file__))
-            elif isinstance(value, int | float | tuple | np.generic | np.ndarray):
-                constants.add(f"{name} = {value!r}")
-    contents = (Path(file).read_bytes() for file in sorted(files))
-    return hashlib.sha256(b"".join([*contents, *map(str.encode, sorted(constants))])).hexdigest()
+def _as_imported(compiled: Callable) -> Callable:
+    """The decorator `compiled`, which also reads the function's file: later on it may differ from what was imported."""
 
+    def decorated(function):
+        content(function.__code__.co_filename)
+        return compiled(function)
 
-def _names_in(code: CodeType) -> Iterator[str]:
-    """The global names that a function may use, and those of attributes."""
-    yield from code.co_names
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):  # a function in it
-            yield from _names_in(constant)
+    return decorated
 
 
 def _kept(compiled: Callable) -> Callable:
@@ -93,8 +68,8 @@ def _kept(compiled: Callable) -> Callable:
     return decorated
 
 
-exact_kernel, kernel = _kept(njit(**_KERNEL)), _kept(njit(**_KERNEL, **_CONTRACTING))
-exact_part, part = njit(**_PART), njit(**_PART, **_CONTRACTING)
+exact_kernel, kernel = (_kept(_as_imported(njit(**_KERNEL, **more))) for more in ({}, _CONTRACTING))
+exact_part, part = (_as_imported(njit(**_PART, **more)) for more in ({}, _CONTRACTING))
 
 
 class _WithoutCollections(event.Listener):

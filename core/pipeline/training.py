@@ -130,7 +130,8 @@ def _train(trainer: Trainer, report: Report) -> Path:
     tell_plan(trainer, report)
     if trainer.rasterizer.name == "cpu" and settings.appearance == "full":
         try:
-            compile_kernels()
+            with saved_if_room_runs_out(trainer):
+                compile_kernels()
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"No step was taken yet; go on with: {advice}") from None
     with StopRequest() as stop, saved_if_room_runs_out(trainer):

@@ -7,7 +7,7 @@ the kernels of the SH transfer in the cache. What is missing there, as after a f
 
 import subprocess
 import sys
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 
 import numpy as np
 import torch
@@ -23,27 +23,31 @@ from core.system.threads import threads
 from core.training.losses.photometric import Target, photometric
 
 PROCESS_BYTES = 1 << 30  # at most, of a process that compiles
+LONGEST_S = 120  # that the other one is waited for
 COUNT, SIDE_PX = 8, 16  # Gaussians; of the picture
 ELSEWHERE = "import sys; sys.path[:] = sys.argv[1:]; from core.training import compiling; compiling.learn_look()"
 
 
 def compile_kernels() -> None:
     """Compile what a step with looks takes on a CPU, unless it is in the cache, or there is no room for two."""
-    if threads() == 1 or memory.fitting(PROCESS_BYTES) == 1:
+    if threads() == 1 or memory.fitting(PROCESS_BYTES) == 1 or not sys.executable:
         return
-    with ExitStack() as processes:
+    others = []
 
-        def start_other() -> None:
-            with suppress(OSError):
-                processes.enter_context(_learning_elsewhere())
+    def start_other() -> None:
+        with suppress(OSError):
+            others.append(_learning_elsewhere())
 
-        with at_first_compilation(start_other):
-            learn_picture()
+    with at_first_compilation(start_other):
+        learn_picture()
+    for other in others:
+        with suppress(subprocess.TimeoutExpired):
+            other.wait(LONGEST_S)
 
 
 def _learning_elsewhere() -> subprocess.Popen:
-    """`learn_look` in another process, which finds the modules that this one finds, and which Ctrl-C does not reach.
-    As a context manager it is waited for."""
+    """`learn_look` in another process, which finds the modules that this one finds. It is left to finish after a
+    Ctrl-C: what it compiles is kept."""
     nothing = subprocess.DEVNULL
     command = [sys.executable, "-c", ELSEWHERE, *sys.path]
     return subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True)

@@ -13,8 +13,11 @@ from numba.core.caching import FunctionCache
 from numba.core.errors import TypingError
 
 import core
+from core.appearance.transfer_kernels import evaluate
 from core.errors import DiskFull
-from core.kernels.compiled import compiling_told, exact_kernel, exact_part, made_of
+from core.kernels.compiled import compiling_told, exact_kernel, exact_part
+from core.kernels.made_of import made_of
+from core.rasterizer import layout
 from core.rasterizer.cpu.blend_forward import blend_forward
 from tests.failing import DISK_FULL, failing
 from tests.heard import Heard
@@ -105,6 +108,17 @@ print(moved_twice(10), sum(moved_twice.stats.cache_hits.values()))
 """,
 }
 
+EDITED_WHILE_IMPORTED = """
+from pathlib import Path
+Path(__file__).write_text('''
+from core.kernels.compiled import exact_part
+
+@exact_part
+def moved(x):
+    return x + 5.0
+''')
+"""
+
 
 def test_a_kernel_is_kept_until_anything_changes_that_it_is_made_of(tmp_path):
     """Each time in a fresh process, with the kernel's own file as it was."""
@@ -124,10 +138,20 @@ def test_a_kernel_is_kept_until_anything_changes_that_it_is_made_of(tmp_path):
     assert [result_and_hits(), result_and_hits()] == [["15.0", "0"], ["15.0", "1"]]
     edit("part.py", "x + OFFSET", "x - OFFSET")
     assert result_and_hits() == ["5.0", "0"]
+    # Edited once it is imported: what is compiled then must not pass for what the file says by now.
+    (tmp_path / "part.py").write_text(KERNEL_OF_THREE_FILES["part.py"] + EDITED_WHILE_IMPORTED)
+    assert [result_and_hits(), result_and_hits()] == [["15.0", "0"], ["20.0", "0"]]
 
 
-def test_intrinsics_and_modules_of_constants_are_part_of_a_kernel(monkeypatch):
-    contents = {}
-    monkeypatch.setattr(Path, "read_bytes", lambda path: contents.setdefault(path.name, b""))
-    made_of.__wrapped__(blend_forward.py_func)
-    assert set(contents) >= {"simd.py", "layout.py", "blend.py", "blend_forward.py", "compiled.py"}
+@pytest.mark.parametrize("kernel, also", [(blend_forward, "blend.py"), (evaluate, "matrix_product.py")])
+def test_intrinsics_and_what_they_call_are_part_of_a_kernel(monkeypatch, kernel, also):
+    files = set()
+    monkeypatch.setattr("core.kernels.made_of.content", lambda file: files.add(Path(file).name) or b"")
+    made_of.__wrapped__(kernel.py_func)
+    assert files >= {"compiled.py", "simd.py", also}
+
+
+def test_constants_of_a_module_are_part_of_a_kernel(monkeypatch):
+    before = made_of.__wrapped__(blend_forward.py_func)
+    monkeypatch.setattr(layout, "FALL", 5)
+    assert made_of.__wrapped__(blend_forward.py_func) != before

@@ -129,11 +129,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
     advice = checkpoint.how_to_go_on(folder)
     tell_plan(trainer, report)
     if trainer.rasterizer.name == "cpu" and settings.appearance == "full":
-        try:
-            with saved_if_room_runs_out(trainer):
-                compile_kernels()
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"No step was taken yet; go on with: {advice}") from None
+        _compile(trainer, advice)
     with StopRequest() as stop, saved_if_room_runs_out(trainer):
         for step in trainer.train():
             tell_step(step, settings, report)
@@ -153,6 +149,15 @@ def _train(trainer: Trainer, report: Report) -> Path:
             raise
         raise DiskFull(full.what, f"All steps are kept. Free some space, then type: {advice}") from None
     return folder
+
+
+def _compile(trainer: Trainer, advice: str) -> None:
+    """Compile the kernels before the first step, which a stop would wait for."""
+    try:
+        with saved_if_room_runs_out(trainer):
+            compile_kernels()
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"No step was taken yet; go on with: {advice}") from None
 
 
 def _preview(trainer: Trainer, report: Report, trained: TrainedRun | None = None) -> Path | None:

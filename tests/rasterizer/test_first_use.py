@@ -34,9 +34,11 @@ def runs(tmp_path_factory):
     and as errors the modules of all functions that were compiled."""
     folder = tmp_path_factory.mktemp("cache")
     command, environment = [sys.executable, "-c", DRAW], os.environ | {"NUMBA_CACHE_DIR": str(folder)}
-    return [
+    runs = [
         subprocess.run(command, env=environment, cwd=ROOT, check=True, capture_output=True, text=True) for _ in range(2)
     ]
+    assert list(folder.rglob("*.nbc"))
+    return runs
 
 
 def test_gradients_are_the_same_bit_for_bit(runs):

@@ -10,7 +10,6 @@ from core.training import compiling
 
 LEARNED_THEN_STEPPED = """
 import sys
-from pathlib import Path
 
 from core.training.compiling import learn_look, learn_picture
 from numba.core.dispatcher import Dispatcher

@@ -120,12 +120,19 @@ def test_closing_the_terminal_saves_the_step_and_stops(scene, tmp_path):
 
 
 def test_a_stop_while_kernels_are_compiled_says_how_to_go_on(scene, tmp_path, monkeypatch):
+    run, settings = tmp_path / "run", small_settings(steps=STEPS, appearance="full")
     with monkeypatch.context() as patch:
         patch.setattr("core.pipeline.training.compile_kernels", failing(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt, match="No step was taken yet; go on with: wegs train --resume -o"):
-            pipeline.train(scene, small_settings(steps=STEPS, appearance="full"), tmp_path / "run")
-    pipeline.resume(tmp_path / "run")
-    assert (tmp_path / "run" / CLOUD).is_file()
+            pipeline.train(scene, settings, run)
+    with pytest.raises(KeyboardInterrupt, match="Step 5 is kept"):
+        pipeline.resume(run, StopsAtStep(5))
+    with monkeypatch.context() as patch:
+        patch.setattr("core.pipeline.training.compile_kernels", failing(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt, match="Step 5 is kept; go on with: wegs train --resume -o"):
+            pipeline.resume(run)
+    pipeline.resume(run)
+    assert (run / CLOUD).is_file()
 
 
 def test_a_disk_without_room_for_kernels_says_how_to_go_on(scene, tmp_path, monkeypatch):

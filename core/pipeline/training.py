@@ -157,7 +157,8 @@ def _compile(trainer: Trainer, advice: str) -> None:
         with saved_if_room_runs_out(trainer):
             compile_kernels()
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"No step was taken yet; go on with: {advice}") from None
+        kept = f"Step {trainer.state.done} is kept" if trainer.state.done else "No step was taken yet"
+        raise KeyboardInterrupt(f"{kept}; go on with: {advice}") from None
 
 
 def _preview(trainer: Trainer, report: Report, trained: TrainedRun | None = None) -> Path | None:

@@ -103,51 +103,52 @@ def ellipse_backward(
     # The covariance is V V' + blur with rows `across` and `down` of V.
     to_across = add(scaled(2.0 * to_a, across), scaled(to_b, down))
     to_down = add(scaled(2.0 * to_c, down), scaled(to_b, across))
-    to_x_gradient = to_y_gradient = (0.0, 0.0, 0.0)
-    for k in range(3):
-        log_scale = log_scales[i, k]
-        inside = LEAST_LOG_SCALE <= log_scale <= MOST_LOG_SCALE
-        to_log_scales[i, k] = to_across[k] * across[k] + to_down[k] * down[k] if inside else 0.0
-        to_x_gradient = add(to_x_gradient, scaled(scales[k] * to_across[k], axes[k]))
-        to_y_gradient = add(to_y_gradient, scaled(scales[k] * to_down[k], axes[k]))
-    to_axes = (
-        scaled(scales[0], add(scaled(to_across[0], x_gradient), scaled(to_down[0], y_gradient))),
-        scaled(scales[1], add(scaled(to_across[1], x_gradient), scaled(to_down[1], y_gradient))),
-        scaled(scales[2], add(scaled(to_across[2], x_gradient), scaled(to_down[2], y_gradient))),
+    # An axis that is stretched adds to its own entries of V, and one that turns to those of another.
+    stretches = (
+        pull(0, 0, to_across, to_down, across, down),
+        pull(1, 1, to_across, to_down, across, down),
+        pull(2, 2, to_across, to_down, across, down),
     )
-    write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions)
+    turns = (
+        pull(1, 2, to_across, to_down, across, down) * (scales[1] / scales[2] - scales[2] / scales[1]),
+        pull(2, 0, to_across, to_down, across, down) * (scales[2] / scales[0] - scales[0] / scales[2]),
+        pull(0, 1, to_across, to_down, across, down) * (scales[0] / scales[1] - scales[1] / scales[0]),
+    )
+    for k in range(3):
+        to_log_scales[i, k] = stretches[k] if LEAST_LOG_SCALE <= log_scales[i, k] <= MOST_LOG_SCALE else 0.0
+    write_quaternion_gradient(i, unit, inverse_norm, turns, to_quaternions)
     if len(to_probe) > 0:
         to_probe[i, 0], to_probe[i, 1] = to_x, to_y
 
-    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth.
+    # The centre moves with the slopes; the rows of J W too where they are not clamped, and with the depth, which
+    # shrinks all axes.
+    in_depth = projected_axes(axis_z, axes, scales)
     to_slope_x, to_slope_y = fx * to_x, fy * to_y
     if clamped_x == slope_x:
-        to_slope_x -= zoom_x * dot(to_x_gradient, axis_z)
+        to_slope_x -= zoom_x * dot(to_across, in_depth)
     if clamped_y == slope_y:
-        to_slope_y -= zoom_y * dot(to_y_gradient, axis_z)
-    to_depth = dot(to_x_gradient, x_gradient) + dot(to_y_gradient, y_gradient)
-    to_depth += to_slope_x * slope_x + to_slope_y * slope_y
+        to_slope_y -= zoom_y * dot(to_down, in_depth)
+    to_depth = stretches[0] + stretches[1] + stretches[2] + to_slope_x * slope_x + to_slope_y * slope_y
     in_picture = add(scaled(to_slope_x, axis_x), scaled(to_slope_y, axis_y))
     return scaled(inverse_depth, subtract(in_picture, scaled(to_depth, axis_z)))
 
 
 @part
-def write_quaternion_gradient(i, unit, inverse_norm, to_axes, to_quaternions):
-    """From dL/d(columns of the rotation matrix) to dL/d(quaternion), its normalisation included."""
+def pull(i, j, to_across, to_down, across, down):
+    """dL/d(axis i's entries of V) times axis j's."""
+    return to_across[i] * across[j] + to_down[i] * down[j]
+
+
+@part
+def write_quaternion_gradient(i, unit, inverse_norm, turns, to_quaternions):
+    """From dL/d(turns about the ellipsoid's own axes, radians) to dL/d(quaternion), its normalisation included:
+    its change dq turns by 2 q* dq."""
     w, x, y, z = unit
-    first, second, third = to_axes
-    to_w = 2 * (x * (second[2] - third[1]) + y * (third[0] - first[2]) + z * (first[1] - second[0]))
-    to_x = 2 * (w * (second[2] - third[1]) + y * (second[0] + first[1]) + z * (third[0] + first[2]))
-    to_x -= 4 * x * (second[1] + third[2])
-    to_y = 2 * (w * (third[0] - first[2]) + x * (second[0] + first[1]) + z * (third[1] + second[2]))
-    to_y -= 4 * y * (first[0] + third[2])
-    to_z = 2 * (w * (first[1] - second[0]) + x * (third[0] + first[2]) + y * (third[1] + second[2]))
-    to_z -= 4 * z * (first[0] + second[1])
-    radial = w * to_w + x * to_x + y * to_y + z * to_z
-    to_quaternions[i, 0] = inverse_norm * (to_w - w * radial)
-    to_quaternions[i, 1] = inverse_norm * (to_x - x * radial)
-    to_quaternions[i, 2] = inverse_norm * (to_y - y * radial)
-    to_quaternions[i, 3] = inverse_norm * (to_z - z * radial)
+    first, second, third = scaled(2.0 * inverse_norm, turns)
+    to_quaternions[i, 0] = -x * first - y * second - z * third
+    to_quaternions[i, 1] = w * first - z * second + y * third
+    to_quaternions[i, 2] = z * first + w * second - x * third
+    to_quaternions[i, 3] = x * second - y * first + w * third
 
 
 @part

@@ -38,7 +38,7 @@ from core.data.photos.pixels import read_pixels
 from core.errors import BadInput
 from core.evaluation import metrics
 from core.export.pictures import to_8_bit
-from core.looks.find_look import check_known, find_look, look_of_photo
+from core.looks.find_look import find_look, look_of_photo
 from core.looks.refined_look import refined
 from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run, neutral_look
 from core.report import Report
@@ -112,7 +112,7 @@ def main(
         styles, views = PLAZA_LOOKS[-2:], views or PLAZA_VIEWS[1:]
     seen_from = [trained.collection.photo(view) for view in views or (None,)]
     for style in styles:
-        check_known(trained, style)
+        find_look(trained, style, refine=False)  # refuses it before others are refined
         if not (grid or renders or Path(style).is_file()):
             raise BadInput(
                 f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders."

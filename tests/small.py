@@ -11,7 +11,9 @@ from pytest import MonkeyPatch
 from core.automatic import LEAST
 from core.config import Settings
 from core.data.collection import Collection, Photo
+from core.data.given_masks import with_masks_in
 from core.looks.trained import TrainedRun, load_run
+from core.report import Report
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.training.trainer import Trainer
@@ -72,11 +74,15 @@ def finished(collection: Collection, settings: Settings, folder: Path) -> Traine
 def give_to_pipeline(collection: Collection, patch: MonkeyPatch) -> None:
     """Let `core.pipeline` read this collection, whatever folder it is asked for."""
 
-    def given(*asked) -> Collection:
-        return collection.undivided() if asked[-1] is True else collection  # all_photos
+    def loaded(folder: Path, all_photos: bool = False) -> Collection:
+        return collection.undivided() if all_photos else collection
 
-    for reader in ("prepared", "load_collection"):
-        patch.setattr(f"core.pipeline.training.{reader}", given)
+    def prepared(scene: Path, wanted: Path, report: Report, settings: Settings, masks: Path | None) -> Collection:
+        given = loaded(scene, settings.all_photos)
+        return given if masks is None else with_masks_in(given, masks)
+
+    patch.setattr("core.pipeline.training.load_collection", loaded)
+    patch.setattr("core.pipeline.training.prepared", prepared)
 
 
 def small_scene(folder: Path, patch: MonkeyPatch) -> Path:

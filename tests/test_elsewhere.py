@@ -46,6 +46,7 @@ def on_device(monkeypatch):
     monkeypatch.setattr(device, "chosen", lambda *_: DEVICE)
     monkeypatch.setattr(gaussians, "adam_rows", plain_adam_rows)  # a GPU has kernels of its own
     monkeypatch.setattr(densify, "gather", densify.plain_gather)
+    monkeypatch.setattr("core.pipeline.training.compile_kernels", lambda looks: None)  # those of a CPU
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread

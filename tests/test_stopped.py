@@ -15,6 +15,7 @@ from core.errors import TrainingStopped, disk_full
 from core.pipeline import evaluating, training
 from core.rasterizer.inputs import ListsTooLarge
 from core.run import checkpoint, history, run_folders
+from core.training.gaussians.gaussians import Gaussians
 from core.training.interrupt import HANG_UP
 from core.training.rescue import saved_if_room_runs_out
 from core.training.trainer import Trainer
@@ -62,6 +63,26 @@ def test_a_checkpoint_is_saved_when_memory_runs_out(tmp_path, monkeypatch, where
     resumed.resume(saved)
     for each in (whole, resumed):  # the step that found no room is taken when there is some
         list(each.train())
+    assert all(
+        torch.equal(tensor, resumed.gaussians.tensors()[name]) for name, tensor in whole.gaussians.tensors().items()
+    )
+
+
+@pytest.mark.parametrize("where", ["insert", "keep"])
+def test_a_change_of_the_gaussians_that_found_no_room_is_made_when_there_is_some(tmp_path, monkeypatch, where):
+    settings = small_settings(steps=8, checkpoints=1, densify_from=0.3, densify_until=0.6, densify_rounds=1)
+    collection = small_collection(tmp_path)
+    folders = [tmp_path / name for name in ("whole", "broken", "resumed")]
+    for folder in folders:
+        folder.mkdir()
+    whole, broken, resumed = (Trainer(collection, settings, folder) for folder in folders)
+    list(whole.train())
+    with monkeypatch.context() as patch, pytest.raises(TrainingStopped), saved_if_room_runs_out(broken):
+        patch.setattr(Gaussians, where, failing(MemoryError()))
+        list(broken.train())
+    resumed.resume(checkpoint.load(checkpoint.newest(broken.folder)))
+    assert resumed.state.done == 2 and resumed.state.change_due
+    list(resumed.train())
     assert all(
         torch.equal(tensor, resumed.gaussians.tensors()[name]) for name, tensor in whole.gaussians.tensors().items()
     )

@@ -104,8 +104,8 @@ def settings_options(command: Callable) -> Callable:
             "preset_name",
             type=click.Choice(list(PRESETS)),
             help="Settings to start from; other options override them. "
-            f"quick: a first try, of {PRESETS['quick']['steps']:,} steps. paper: the "
-            "sizes of the paper, which want a GPU. vanilla: plain 3DGS, without looks and masks.  [default: default]",
+            f"quick: a first try, of {PRESETS['quick']['steps']:,} steps. paper: to compare with the paper, "
+            "whose sizes want a GPU. vanilla: plain 3DGS, without looks and masks.  [default: default]",
         ),
         *map(setting_option, FLAGS),
         click.option(

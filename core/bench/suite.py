@@ -24,7 +24,7 @@ from core.presets import PRESETS, preset
 from core.report import Report
 from core.run import run_folders
 from core.setting import UNDECIDED
-from core.system.atomic import room_in, scratch
+from core.system.atomic import made_for_user, scratch
 from core.training.trainer import Trainer
 
 OF_RUN = "rendering-run"  # the rendering figure of a run's own cameras
@@ -102,7 +102,7 @@ def bench(
         figures.append(figure)
         _keep(figure, output, report)
 
-    with room_in(output), scratch("bench") as work:  # made now, not after minutes
+    with made_for_user(output), scratch("bench") as work:  # made now, not after minutes
         if "rendering" in names:
             finish(_fixed_rendering(size, report))
             if trained is not None:

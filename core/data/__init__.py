@@ -2,7 +2,8 @@
 
 From a folder to a Collection: `load` finds out the kind; `formats` reads what its files say into a Posed (`posed`);
 `collect` turns that into a Collection (`collection`). `placing` fits cameras to the photos, `split` and `split_table`
-say what is held out, `found_file` finds misnamed photos, `given_masks` adds masks.
+say what is held out, `found_file` finds misnamed photos, `given_masks` adds masks, `transparency` says what transparent
+pixels mean.
 
 What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `kept_cameras` with `reconstruct`
 (`usable`, `features`, `likely_pairs`, `guided`, `mapping`, `upright`; `kept_matches` lets a stopped search continue;

@@ -90,11 +90,6 @@ class Collection:
         """The folder that `load_collection` reads it from, points and all."""
         return self.points_from or self.root
 
-    @property
-    def transparent_is_empty(self) -> bool:
-        """Whether the scene is empty where its photos are transparent; in other kinds nobody saw what is there."""
-        return self.kind == "blender"
-
     def split(self, name: str) -> tuple[Photo, ...]:
         """The photos of one split, by name. Held-out ones come without their masks,
         because quality is measured on the whole photo."""

@@ -156,7 +156,7 @@ def find_photos(path: Path) -> Path:
             f"{path} holds no photos and no COLMAP model; it lies in the {around[1]} scene {around[0]}.",
             "Give that folder.",
         )
-    raise no_photos(path, "no photos and no COLMAP model")
+    raise no_photos(path)
 
 
 def _scene_below(path: Path) -> Path | None:

@@ -3,30 +3,43 @@ and keeps it beside the runs for the next one."""
 
 from pathlib import Path
 
+from core.config import Settings
 from core.data.collection import Collection
+from core.data.given_masks import with_masks_in
 from core.data.load import find_kind, find_photos, load_collection, warn_of_others
 from core.data.sfm.kept_cameras import scene_of_photos
 from core.data.sfm.kept_points import points_beside
 from core.data.sfm.originals import shortfall
 from core.data.split import copy_lists
+from core.data.transparency import transparent_may_be_empty
 from core.report import Report
 
+DEFAULTS = Settings()
 
-def prepared(scene: Path, wanted: Path, report: Report, all_photos: bool = False) -> Collection:
+
+def prepared(
+    scene: Path, wanted: Path, report: Report, settings: Settings = DEFAULTS, masks: Path | None = None
+) -> Collection:
     """The collection in the folder `scene`; what it lacks is made now, unless it was made before.
 
     wanted: the folder for what is made, from which the collection is then read; nothing is written into the scene.
-    all_photos, errors: as in load_collection; errors also as in structure from motion.
+    masks: a folder of them, as in `with_masks_in`. Errors as in load_collection, with_masks_in and structure from
+    motion.
     """
     plain = find_kind(scene) == "photos"
     if plain:
         scene = _with_cameras(scene, wanted, report)
     if words := shortfall(scene):
         report.warn(words)
-    collection = load_collection(scene, all_photos)
+
+    def read(folder: Path) -> Collection:
+        collection = load_collection(folder, settings.all_photos)
+        return collection if masks is None else with_masks_in(collection, masks)
+
+    collection = read(scene)
     if plain or len(collection.points):
         return collection
-    return load_collection(points_beside(collection, wanted, report), all_photos)
+    return read(points_beside(collection, transparent_may_be_empty(collection, settings), wanted, report))
 
 
 def _with_cameras(scene: Path, wanted: Path, report: Report) -> Path:

@@ -20,11 +20,11 @@ from core.data.sfm.features import LEAST_PHOTOS
 from core.data.sfm.likely_pairs import longest_s, most_pairs
 from core.data.sfm.originals import placed_of, shortfall
 from core.data.sfm.usable import StoredTwice, usable_photos
+from core.data.transparency import transparent_may_be_empty
 from core.doctor import views
 from core.doctor.finding import Finding
 from core.errors import BadInput, command
 from core.report import Report
-from core.run.transparency import transparent_may_be_empty
 from core.words import Note, counted, list_names
 
 FEW_POINTS = 20  # a photo that sees fewer has an uncertain pose; SfM itself demands 15 to 30

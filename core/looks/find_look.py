@@ -71,21 +71,6 @@ def find_look(
     raise _unknown(trained, word)
 
 
-def check_known(trained: TrainedRun, word: str) -> None:
-    """Raise BadInput, before any work, where `find_look` would: for a word that means nothing, a saved look that cannot
-    be read, a photo that a GLO table does not know, and a file from outside that is no photo."""
-    if word == NEUTRAL or _saved_as(trained, word):
-        find_look(trained, word)  # these take no time
-        return
-    photo = _of_collection(trained, word)
-    if photo is None:
-        if not Path(word).is_file():
-            raise _unknown(trained, word)
-        probe(Path(word))
-    if photo is None or photo.name not in trained.model.photo_names:
-        _refuse_unknown_to_table(trained, word if photo is None else photo.name)
-
-
 def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     """The file of the saved look that `word` means by path or name, or None.
     A .json that does not exist is reported when it is read."""

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 from core.data.collection import Photo, spread_over
 from core.data.photos.file import probe
 from core.data.photos.pixels import load_photo
-from core.data.sfm.pose import lens_of, pose_of
+from core.data.sfm.pose import pinhole_of, pose_of
 from core.looks.oriented_gradients import GRID_PX, GridFeatures, Pairs, coherence, matches, matches_nearby
 from core.looks.trained import Look, TrainedRun, bake
 from core.report import Report
@@ -91,7 +91,7 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
     mask hides altogether.
     """
     size = probe(path).displayed
-    photo, lens = Photo.from_outside(path, _anywhere(*size), mask), lens_of(path, *size)
+    photo, lens = Photo.from_outside(path, _anywhere(*size), mask), pinhole_of(path, *size)
     baked = bake(trained, look)
     cameras = [trained.camera(each) for each in spread_over(trained.collection.split("train"), VIEWS)]
     with threads_for_blocks():

@@ -16,6 +16,7 @@ from core.appearance.sh_transfer import TransferInput
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
+from core.data.transparency import transparent_is_empty
 from core.errors import BadInput
 from core.looks.run_view import RunView
 from core.looks.smooth_sky import SmoothSky
@@ -24,7 +25,6 @@ from core.run import checkpoint, run_config
 from core.run.background import background_of_figures
 from core.run.run_state import RunState
 from core.run.sized_photo import SizedPhoto, Sizes, load_sized_photo
-from core.run.transparency import transparent_is_empty
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system import device

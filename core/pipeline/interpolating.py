@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from core.data.collection import spread_over
 from core.data.made import FADE, is_of_wegs
 from core.data.photos.folder import SUFFIXES
 from core.errors import BadSetting, WegsError
 from core.export.pictures import KeptPictures, contact_sheet, to_8_bit, write_png, write_video
-from core.looks.find_look import check_known, find_look, find_view
+from core.looks.find_look import find_look, find_view
 from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.looks.trained import Look, TrainedRun, bake, blend, drawn
@@ -17,6 +18,8 @@ from core.scene.camera import Camera
 from core.system.atomic import filling
 from core.system.outputs import check_apart, check_fillable, check_named_as_folder, holds_others
 from core.words import counted
+
+MOST_ON_SHEET = 100  # frames, evenly spread: so browsers show the sheet of the longest fade
 
 
 def interpolate(
@@ -60,9 +63,10 @@ def interpolate(
     old = check_fillable(output, FADE, force)
     if old and not is_of_wegs(output):  # photos may be called frame_*.png, too, as nerfstudio's are
         raise holds_others(output, old[0])
-    for word in (first, last):  # refining the first takes seconds
-        check_known(trained, word)
-    looks = {word: find_look(trained, word, refine=refine, report=report) for word in dict.fromkeys((first, last))}
+    words = dict.fromkeys((first, last))
+    for word in words:  # to refuse either before the first is refined, which takes seconds
+        find_look(trained, word, refine=False)
+    looks = {word: find_look(trained, word, refine=refine, report=report) for word in words}
     ends = looks[first], looks[last]
     report.say(f"{trained.folder}{trained.on_device_in_words}: {counted(steps, 'frame')}, {seen_from}")
     for which, end in zip(("from", "to"), ends, strict=True):
@@ -71,7 +75,8 @@ def interpolate(
         report.warn(ONE_LOOK)
     with filling(output, FADE, force) as work:
         frames = _write_frames(trained, ends, steps, [trained.camera(photo) for photo in photos], ply, work, report)
-        write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, {seen_from}", frames))
+        on_sheet = KeptPictures(spread_over(frames.paths, MOST_ON_SHEET))
+        write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, {seen_from}", on_sheet))
         try:
             write_video(work / "video.mp4", frames)
         except WegsError as problem:  # the frames, which took the time, are kept

@@ -6,7 +6,7 @@ import core.rasterizer
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection
-from core.data.given_masks import check_masks, with_masks_in, with_same_masks
+from core.data.given_masks import check_masks, with_same_masks
 from core.data.made import MASKS, scene_beside
 from core.data.photos.folder import list_photos
 from core.data.prepare import prepared
@@ -59,9 +59,7 @@ def train(
     with new_run(output, name, force) as folder:
         if run_folders.is_run(folder):
             check_apart(folder, [scene] if masks is None else [scene, masks])
-        collection = prepared(scene, scene_beside(folder, scene), report, settings.all_photos)
-        if masks is not None:
-            collection = with_masks_in(collection, masks)
+        collection = prepared(scene, scene_beside(folder, scene), report, settings, masks)
         tell_collection(collection, report)
         return _train(Trainer.of_new_run(collection, settings, folder, report), report)
 
@@ -128,7 +126,7 @@ def _train(trainer: Trainer, report: Report) -> Path:
     folder, settings = trainer.folder, trainer.settings
     advice = checkpoint.how_to_go_on(folder)
     tell_plan(trainer, report)
-    if trainer.rasterizer.name == "cpu" and settings.appearance == "full":
+    if trainer.rasterizer.name == "cpu":
         _compile(trainer, advice)
     with StopRequest() as stop, saved_if_room_runs_out(trainer):
         for step in trainer.train():
@@ -155,7 +153,7 @@ def _compile(trainer: Trainer, advice: str) -> None:
     """Compile the kernels before the first step, which a stop would wait for."""
     try:
         with saved_if_room_runs_out(trainer):
-            compile_kernels()
+            compile_kernels(looks=trainer.settings.appearance == "full")
     except KeyboardInterrupt:
         kept = f"Step {trainer.state.done} is kept" if trainer.state.done else "No step was taken yet"
         raise KeyboardInterrupt(f"{kept}; go on with: {advice}") from None

@@ -3,5 +3,5 @@
 its folder        run_folders; claim, by a training; viewer_files; history, of the training
 what made it      run_config: settings, scene and photos; decision, of what the photos decided
 where it stands   checkpoint; run_state
-its photos        sized_photo; transparency and background, what is behind everything
+its photos        sized_photo; background, what is behind everything
 """

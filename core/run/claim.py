@@ -6,7 +6,7 @@ from pathlib import Path
 
 from core.errors import BadInput
 from core.run import run_folders
-from core.system.atomic import room_in
+from core.system.atomic import made_for_user
 from core.system.lock import taken
 
 
@@ -20,7 +20,7 @@ def new_run(output: Path | None, scene_name: str, force: bool = False) -> Iterat
         while True:
             folder = run_folders.choose_folder(output, scene_name, force)
             with suppress(FileExistsError):  # a training begun at the same time was faster: the next name
-                stack.enter_context(room_in(folder, may_exist=output is not None))
+                stack.enter_context(made_for_user(folder, may_exist=output is not None))
                 break
         stack.enter_context(held(folder))
         yield folder

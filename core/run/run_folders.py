@@ -12,11 +12,11 @@ from pathlib import Path
 from core.config import Settings
 from core.data.collection import Collection
 from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, MASKS, PICTURES, fault_of_mark, read_mark
+from core.data.transparency import transparent_is_empty
 from core.errors import BadInput
 from core.run import checkpoint, history, viewer_files
 from core.run.decision import Decision
 from core.run.run_config import write_config
-from core.run.transparency import transparent_is_empty
 from core.system.atomic import remove, swept
 from core.system.lock import taken
 from core.system.outputs import check_folder, check_named_as_folder, files_in
@@ -79,7 +79,7 @@ def find_run(path: Path | None) -> Path:
 
 def run_around(path: Path) -> Path | None:
     """The run that a file or folder lies in, however deep; None if it lies in none."""
-    return next(filter(is_run, path.parents), None)
+    return next(filter(is_run, (*path.parents, *path.absolute().parents)), None)
 
 
 def is_at_work(folder: Path) -> bool:

@@ -8,7 +8,8 @@ class RunState:
     """done: steps. seconds: of training, without the checks of held-out photos. order: the photos left in this round
     through all of them, by index; the last one is next. mask_mean: running mean of the masks, 1 where nothing is
     hidden. last_losses: see `guards.LastLosses`. skipped, skipped_in_a_row: invalid steps. collapse_told: whether the
-    user was told that masks hide too much. useless: Gaussians removed because no photo needed them.
+    user was told that masks hide too much. useless: Gaussians removed because no photo needed them. change_due: whether
+    density control has yet to change the Gaussians after these steps.
     """
 
     done: int
@@ -20,6 +21,7 @@ class RunState:
     skipped_in_a_row: int
     collapse_told: bool
     useless: int = 0
+    change_due: bool = False
 
     @staticmethod
     def at_start(photos: int) -> "RunState":

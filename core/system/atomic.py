@@ -88,7 +88,7 @@ def _not_made(folder: Path, problem: OSError) -> BadInput:
 
 
 @contextmanager
-def room_in(folder: Path, may_exist: bool = True) -> Iterator[None]:
+def made_for_user(folder: Path, may_exist: bool = True) -> Iterator[None]:
     """As `made`, for a folder that the user chose: BadInput if it cannot be made,
     but FileExistsError if something is there though nothing may be."""
     with ExitStack() as stack:
@@ -237,13 +237,12 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
     `force`, files that match are replaced; others are still refused.
     """
     check_fillable(folder, patterns, force)
-    with _named(folder):
-        with adding(folder) as work:
-            yield work
-            old = check_fillable(folder, patterns, force)  # another program may have filled it meanwhile
-            fresh = {folder / path.name for path in work.iterdir()}
-        for path in set(old) - fresh:  # last, so that a kill never leaves neither the old files nor the new ones
-            remove(path)
+    with adding(folder) as work:
+        yield work
+        old = check_fillable(folder, patterns, force)  # another program may have filled it meanwhile
+        fresh = {folder / path.name for path in work.iterdir()}
+    for path in set(old) - fresh:  # last, so that a kill never leaves neither the old files nor the new ones
+        remove(path)
 
 
 @contextmanager

@@ -1,13 +1,13 @@
-"""The kernels of a step compiled in two processes at once, where Numba's cache does not hold them yet.
+"""The kernels of a step compiled before the first one, in two processes at once, where the cache does not hold them.
 
 Numba compiles under a lock, so threads would wait for each other. While this process learns from a picture of a few
 Gaussians, which compiles the rasterizer and the picture loss, another puts them into a look, and this one then finds
-the kernels of the SH transfer in the cache. What is missing there, as after a failure, the first step compiles.
+the kernels of the SH transfer in the cache.
 """
 
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import numpy as np
 import torch
@@ -28,21 +28,23 @@ COUNT, SIDE_PX = 8, 16  # Gaussians; of the picture
 ELSEWHERE = "import sys; sys.path[:] = sys.argv[1:]; from core.training import compiling; compiling.learn_look()"
 
 
-def compile_kernels() -> None:
-    """Compile what a step with looks takes on a CPU, unless it is in the cache, or there is no room for two."""
-    if threads() == 1 or memory.fitting(PROCESS_BYTES) == 1 or not sys.executable:
-        return
+def compile_kernels(looks: bool) -> None:
+    """Compile what a step takes on a CPU, unless it is in the cache. looks: with the SH transfer, in another process
+    where there is room for two."""
     others = []
 
     def start_other() -> None:
         with suppress(OSError):
             others.append(_learning_elsewhere())
 
-    with at_first_compilation(start_other):
+    shared = looks and threads() > 1 and memory.fitting(PROCESS_BYTES) > 1 and sys.executable
+    with at_first_compilation(start_other) if shared else nullcontext():
         learn_picture()
     for other in others:
         with suppress(subprocess.TimeoutExpired):
             other.wait(LONGEST_S)
+    if looks:
+        learn_look()
 
 
 def _learning_elsewhere() -> subprocess.Popen:
@@ -78,4 +80,6 @@ def learn_look() -> None:
     settings = Settings(sh_degree=0)
     sh, latents = torch.zeros(COUNT, 1, 3), torch.zeros(COUNT, settings.latent_size)
     base = TransferInput(sh.requires_grad_(), torch.zeros(COUNT, 3), latents.requires_grad_())
-    SHTransfer(settings)(base, torch.zeros(settings.embedding_size)).sum().backward()
+    with torch.random.fork_rng(devices=()):  # a training's own numbers stay as they are
+        transfer = SHTransfer(settings)
+    transfer(base, torch.zeros(settings.embedding_size)).sum().backward()

@@ -9,9 +9,9 @@ import numpy as np
 
 from core.automatic import budget
 from core.config import Settings
+from core.data.transparency import transparent_is_empty
 from core.run.decision import Decision
 from core.run.sized_photo import SizedPhoto
-from core.run.transparency import transparent_is_empty
 from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
 from core.words import counted
 

@@ -15,10 +15,10 @@ from torch import Tensor
 from core.appearance.model import AppearanceModel, Reading
 from core.appearance.sh_transfer import TransferInput
 from core.config import Settings
+from core.data.transparency import transparent_is_empty
 from core.rasterizer import Rasterizer, Visible
 from core.rasterizer.view import WIDTH, view_of
 from core.run.background import background_of_step
-from core.run.transparency import transparent_is_empty
 from core.system import threads
 from core.system.device import sent, sent_together
 from core.training import guards, network_updates, schedule

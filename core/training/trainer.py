@@ -14,13 +14,13 @@ import core.rasterizer
 from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
+from core.data.transparency import transparent_is_empty, transparent_may_be_empty
 from core.errors import BadInput, TrainingStopped
 from core.report import QUIET, Report, Told
 from core.run import checkpoint, history, run_folders
 from core.run.background import background_of_figures
 from core.run.run_state import RunState
 from core.run.sized_photo import Sizes
-from core.run.transparency import transparent_is_empty, transparent_may_be_empty
 from core.system import device
 from core.system.threads import one_torch_thread, threads_for_blocks
 from core.training import decisions, guards, held_out, network_updates, schedule
@@ -39,13 +39,13 @@ MASK_MEAN_RATE = 0.05  # weight of one photo's mask in the running mean of all m
 
 
 @dataclass(frozen=True)
-class Draw:
-    """A prepared step, and the state it was drawn from:
-    the photos left in this round through all photos, and the random generator's."""
+class NextStep:
+    """A prepared step, and what its preparation changed, as it was before:
+    the photos left in this round through all photos, and the random generator's state."""
 
-    step: PreparedStep
-    order: list[int]
-    random_state: Tensor
+    prepared: PreparedStep
+    order_before: list[int]
+    random_state_before: Tensor
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Trainer:
         self.saves = schedule.evenly(settings.checkpoints, settings.steps)
         self.state = RunState.at_start(len(self.photos))
         self.last_losses = guards.LastLosses(self.state.last_losses)
-        self.ahead: Draw | None = None  # the next step, if it was prepared while a GPU computed the last one
+        self.ahead: NextStep | None = None  # the next step, if it was prepared while a GPU computed the last one
 
     @classmethod
     def of_new_run(cls, collection: Collection, settings: Settings, folder: Path, report: Report = QUIET) -> "Trainer":
@@ -149,6 +149,10 @@ class Trainer:
         checkpoints and history.csv are written on the way."""
         settings, state = self.settings, self.state
         checks = schedule.evenly(settings.held_out_checks, settings.steps)
+        if state.change_due:  # as memory ran out in it
+            self.change_gaussians()
+            if state.done in self.saves:
+                self.save()
         while state.done < settings.steps:
             start = time.perf_counter()
             report = self.step()
@@ -174,14 +178,15 @@ class Trainer:
     def _step(self) -> StepReport:
         state = self.state
         usual = self.last_losses.usual
-        draw, self.ahead = self.ahead or self._prepare(state.done), None
-        moment = draw.step.moment
+        step, self.ahead = self.ahead or self._prepare(state.done), None
+        prepared, moment = step.prepared, step.prepared.moment
         try:
-            reading, facts = self.stepper.take(self.gaussians, draw.step, usual, state.mask_mean, self._prepare_ahead)
+            reading, facts = self.stepper.take(self.gaussians, prepared, usual, state.mask_mean, self._prepare_ahead)
         except Exception:  # such as out of memory: the checkpoint that is saved then resumes with this very step
-            self._undo_draw(draw.order, draw.random_state)
+            self._take_back(step.order_before, step.random_state_before)
             raise
         state.done += 1
+        state.change_due = self.density.is_due(state.done)
         fault = guards.fault(facts, usual)
         if fault is None:
             state.skipped_in_a_row = 0
@@ -233,16 +238,16 @@ class Trainer:
             )
         return f"Step {state.done} {outcome}: its {fault} (photo {name})."
 
-    def _prepare(self, done: int) -> Draw:
+    def _prepare(self, done: int) -> NextStep:
         """Prepare the step after `done` others, on the next photo of `order`."""
         state, random_state = self.state, self.generator.get_state()
         order = list(state.order)
         try:
             if not state.order:
                 state.order = torch.randperm(len(self.photos), generator=self.generator).tolist()
-            return Draw(self.stepper.prepare(self.gaussians, state.order.pop(), done), order, random_state)
+            return NextStep(self.stepper.prepare(self.gaussians, state.order.pop(), done), order, random_state)
         except Exception:  # such as out of memory
-            self._undo_draw(order, random_state)
+            self._take_back(order, random_state)
             raise
 
     def _prepare_ahead(self) -> None:
@@ -255,9 +260,9 @@ class Trainer:
         """Undo the preparation of the next step,
         so that `order` and the random generator are as the last step left them."""
         if self.ahead is not None:
-            self._undo_draw(self.ahead.order, self.ahead.random_state)
+            self._take_back(self.ahead.order_before, self.ahead.random_state_before)
 
-    def _undo_draw(self, order: list[int], random_state: Tensor) -> None:
+    def _take_back(self, order: list[int], random_state: Tensor) -> None:
         self.state.order, self.ahead = order, None
         self.generator.set_state(random_state)
 
@@ -267,11 +272,18 @@ class Trainer:
         self.stepper.forget()
 
     def change_gaussians(self) -> list[str]:
-        """Density control, if it is due after this many steps; a warning if only the sky is left."""
-        if not self.density.is_due(self.state.done):
+        """Density control, if it is due; a warning if only the sky is left."""
+        if not self.state.change_due:
             return []
         self._forget_gaussians()
-        return self.density.change(self.gaussians, self.state)
+        random_state = self.generator.get_state()
+        try:
+            messages = self.density.change(self.gaussians, self.state)
+        except Exception:  # such as out of memory: the checkpoint that is saved then resumes with this
+            self.generator.set_state(random_state)
+            raise
+        self.state.change_due = False
+        return messages
 
     # --- quality, checkpoints
 

@@ -54,7 +54,7 @@ def first_step(started: float) -> dict[str, float]:
     lap("wegs")
     trainer = trainer_of(SCALE, EVERYTHING)
     lap("photos")
-    compile_kernels()
+    compile_kernels(looks=True)
     trainer.step()
     lap("first step")
     trainer.step()

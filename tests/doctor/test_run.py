@@ -2,6 +2,7 @@
 
 import shutil
 from contextlib import nullcontext
+from pathlib import Path
 
 import pytest
 import torch
@@ -218,6 +219,12 @@ def test_given_a_folder_of_a_run_the_doctor_asks_for_the_run(trained, name):
     assert (trained / name).is_dir()
     with pytest.raises(BadInput, match=f"{name} is a folder in a run. Give the folder of the run: {trained}$"):
         examine(trained / name, Heard())  # masks are no photos to train on
+
+
+def test_a_run_is_found_from_a_folder_within_it(trained, monkeypatch):
+    monkeypatch.chdir(trained / "masks")
+    with pytest.raises(BadInput, match=f"is a folder in a run. Give the folder of the run: {trained}$"):
+        examine(Path(), Heard())
 
 
 @pytest.mark.parametrize(("advice", "code", "mark"), [("", 0, "ok"), ("Copy it again.", 1, "!!")])

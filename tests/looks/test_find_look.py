@@ -10,7 +10,7 @@ import torch
 
 from core.data.sfm import originals
 from core.errors import BadInput
-from core.looks.find_look import check_known, find_look, find_view
+from core.looks.find_look import find_look, find_view
 from core.looks.outside import light_in_words
 from core.looks.trained import TrainedRun
 from core.system.atomic import write_json
@@ -76,15 +76,15 @@ def test_a_look_that_the_run_holds_needs_no_photo(changes, name, tmp_path_factor
     assert torch.equal(look.colouring.embedding, held) and ("not refined" in look.source) == ("embedding" in changes)
 
 
-def test_a_photo_that_a_table_does_not_know_is_refused_before_any_work(tmp_path):
+def test_a_photo_that_a_table_does_not_know_is_refused(tmp_path):
     scene = tmp_path / "scene"
     scene.mkdir()
     run = finished(small_collection(scene), small_settings(steps=2, embedding="glo"), tmp_path / "run")
     outside = shutil.copyfile(scene / "photo_0.png", tmp_path / "photo_0.png")
     for word in ("photo_2.png", str(outside)):  # held out, and from outside though named as one of the table's
         with pytest.raises(BadInput, match="is not a training photo, and a run with embedding=glo"):
-            check_known(run, word)
-    check_known(run, "photo_0.png")
+            find_look(run, word)
+    assert find_look(run, "photo_0.png", refine=False).source == "training photo photo_0.png"
 
 
 def test_a_photo_may_have_the_longest_name_there_is(trained, tmp_path, monkeypatch):

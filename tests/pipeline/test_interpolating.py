@@ -58,13 +58,23 @@ def test_the_camera_moves_from_one_view_to_the_other(trained, tmp_path):
         )
 
 
-def test_a_look_that_is_both_ends_is_found_once(trained, tmp_path, monkeypatch, few_steps):
-    asked = []
-    monkeypatch.setattr(
-        interpolating, "find_look", lambda live, word, **choices: asked.append(word) or find_look(live, word, **choices)
-    )
+def test_a_look_that_is_both_ends_is_refined_once(trained, tmp_path, monkeypatch, few_steps):
+    refined = []
+
+    def heard(live, word, refine, **choices):
+        refined.extend([word] if refine else [])
+        return find_look(live, word, refine=refine, **choices)
+
+    monkeypatch.setattr(interpolating, "find_look", heard)
     output = pipeline.interpolate(trained[0], "photo_4.png", "photo_4.png", 2, tmp_path / "fade")
-    assert asked == ["photo_4.png"] and len({(output / f"frame_00{step}.png").read_bytes() for step in range(2)}) == 1
+    assert refined == ["photo_4.png"] and len({(output / f"frame_00{step}.png").read_bytes() for step in range(2)}) == 1
+
+
+def test_the_sheet_of_a_long_fade_shows_frames_evenly_spread(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(interpolating, "MOST_ON_SHEET", 3)
+    fades = [pipeline.interpolate(trained[0], "neutral", "neutral", count, tmp_path / f"{count}") for count in (3, 9)]
+    sheets = [cv2.imread(str(fade / "sheet.png")) for fade in fades]
+    assert np.array_equal(*sheets) and len(list(fades[1].glob("frame_*.png"))) == 9
 
 
 def test_a_fade_whose_video_fails_keeps_its_frames(trained, tmp_path, monkeypatch):
@@ -104,19 +114,25 @@ def test_force_replaces_a_fade_but_no_photos_that_are_called_frames(trained, tmp
     assert (photos / "frame_00001.png").read_bytes() == b"a photo"
 
 
-def test_a_view_or_an_output_that_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
-    monkeypatch.setattr(interpolating, "find_look", None)  # as any work would fail
+def test_what_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
+    def without_work(live, word, refine, **_):
+        assert not refine
+        return find_look(live, word, refine=False)
+
+    monkeypatch.setattr(interpolating, "find_look", without_work)
     with pytest.raises(BadSetting, match="1 step cannot make a fade"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 1, tmp_path / "fade")
     with pytest.raises(BadInput, match="no photo bogus"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 2, tmp_path / "fade", views=["bogus"])
     for name in ("garbled.json", "garbled.png"):
         (tmp_path / name).write_text("nothing")
+    cv2.imwrite(str(tmp_path / "tiny.png"), np.zeros((8, 8, 3), np.uint8))
     for word, words in (
         ("bogus.png", "is neither a photo file"),
         ("bogus.json", "no saved look"),
         (str(tmp_path / "garbled.json"), "is not a saved look"),
         (str(tmp_path / "garbled.png"), "garbled.png is not a photo"),
+        (str(tmp_path / "tiny.png"), "8 x 8 px, too small"),
     ):
         with pytest.raises(BadInput, match=words):
             pipeline.interpolate(trained[0], "photo_0.png", word, 2, tmp_path / "fade")

@@ -4,9 +4,11 @@ import subprocess
 import sys
 
 import pytest
+import torch
 from numba import njit
 
 from core.training import compiling
+from tests.failing import failing
 
 LEARNED_THEN_STEPPED = """
 import sys
@@ -61,6 +63,7 @@ def other(monkeypatch):
     """Learning from a picture compiles two kernels; there are two threads, and there is memory."""
     compiled = [njit(lambda x: x / 2), njit(lambda x: x / 3)]
     monkeypatch.setattr(compiling, "learn_picture", lambda: [kernel(6.0) for kernel in compiled])
+    monkeypatch.setattr(compiling, "learn_look", lambda: None)
     monkeypatch.setattr(compiling, "threads", lambda: 2)
     monkeypatch.setattr(compiling.memory, "room", lambda: None)
     other = Other()
@@ -69,21 +72,21 @@ def other(monkeypatch):
 
 
 def test_the_other_process_is_started_once_and_awaited_where_kernels_are_compiled(other):
-    compiling.compile_kernels()
+    compiling.compile_kernels(looks=True)
     assert (other.started, other.awaited) == (1, 1)
-    compiling.compile_kernels()  # now they are known
+    compiling.compile_kernels(looks=True)  # now they are known
     assert (other.started, other.awaited) == (1, 1)
 
 
 def test_one_thread_compiles_alone(other, monkeypatch):
     monkeypatch.setattr(compiling, "threads", lambda: 1)
-    compiling.compile_kernels()
+    compiling.compile_kernels(looks=True)
     assert not other.started
 
 
 def test_there_is_no_second_process_without_memory_for_it(other, monkeypatch):
     monkeypatch.setattr(compiling.memory, "room", lambda: 2 << 30)
-    compiling.compile_kernels()
+    compiling.compile_kernels(looks=True)
     assert not other.started
 
 
@@ -92,4 +95,17 @@ def test_a_process_that_cannot_be_started_is_done_without(other, monkeypatch):
         raise OSError("no more processes")
 
     monkeypatch.setattr(compiling, "_learning_elsewhere", refused)
-    compiling.compile_kernels()
+    compiling.compile_kernels(looks=True)
+
+
+def test_nothing_is_compiled_for_looks_that_a_run_does_not_have(other, monkeypatch):
+    monkeypatch.setattr(compiling, "learn_look", failing(AssertionError()))
+    compiling.compile_kernels(looks=False)
+    assert not other.started
+
+
+def test_learning_draws_no_random_numbers_of_the_training(monkeypatch):
+    monkeypatch.setattr(compiling, "threads", lambda: 1)
+    before = torch.get_rng_state()
+    compiling.compile_kernels(looks=True)
+    assert torch.equal(before, torch.get_rng_state())

@@ -159,7 +159,7 @@ def test_replayed_steps_differ_in_their_numbers_alone(losses_on_cpu, trainer):
     """What a replayed step has of the recorded one is the same in both."""
     losses = [trainer.step().loss for _ in range(STEPS)]
     assert Again.recorded == 1 and losses == pytest.approx(losses_on_cpu, abs=2e-5)
-    trainer.density.prune_at = {trainer.state.done}
+    trainer.density.prune_at, trainer.state.change_due = {trainer.state.done}, True
     trainer.change_gaussians()
     assert trainer.stepper.room.gaussians < 0 and not trainer.stepper.recordings
 
@@ -310,7 +310,7 @@ def test_what_was_prepared_ahead_leaves_no_trace_in_what_is_saved(trainer):
     a preparation that fails ahead fails again in its turn."""
     trainer.step()
     assert trainer.ahead is not None
-    order, random_state = list(trainer.ahead.order), trainer.ahead.random_state
+    order, random_state = list(trainer.ahead.order_before), trainer.ahead.random_state_before
     trainer.save()
     assert (
         trainer.ahead is None

@@ -113,8 +113,8 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
     focal = np.array([camera.fx, camera.fy])
 
     def followed(wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rays (N, 3) of these pixels (N, 2), in the lens's axes, and the pixels (N,
-        2) at which the lens shows them."""
+        """The rays (N, 3) of these pixels (N, 2), in the lens's axes,
+        and at which of its own pixels (N, 2) the lens shows them."""
         directions = rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
         return directions, model.img_from_cam(directions)
 

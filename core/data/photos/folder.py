@@ -74,9 +74,9 @@ def _alike(paths: Iterable[Path], key: Callable[[Path], object]) -> list[list[Pa
     return [group for group in groups.values() if len(group) > 1]
 
 
-def no_photos(folder: Path, what: str = "no photos") -> BadInput:
-    """The error for a folder without photos, which says what the folder holds instead.
-    what: what is missing, in words."""
+def no_photos(folder: Path) -> BadInput:
+    """The error for a folder without photos and model, which says what the folder holds instead."""
+    what = "no photos and no COLMAP model"
     name = folder.resolve() if folder == Path() else folder
     if others := list_unreadable(folder):
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))

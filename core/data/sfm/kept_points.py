@@ -26,12 +26,13 @@ MODEL = "points"  # a COLMAP model of the training photos
 LEAST_NEAR = 0.2
 
 
-def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
+def points_beside(collection: Collection, transparent_is_empty: bool, wanted: Path, report: Report) -> Path:
     """The folder of the collection's points, which core.data.load reads like the scene itself;
     made now unless it exists.
 
-    wanted: the name of the folder, to which a number is added if it is taken. Points are used again only for the very
-    same training photos, masks and cameras. Warns each time if the cameras do not fit the photos. Raises BadInput if no
+    transparent_is_empty: whether the space that photos show as transparent is empty. wanted: the name of the folder,
+    to which a number is added if it is taken. Points are used again only for the very same training photos, masks and
+    cameras. Warns each time if the cameras do not fit the photos. Raises BadInput if no
     point is found, or nothing can be written.
     """
     training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
@@ -45,7 +46,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
             photo.lens and asdict(photo.lens),
             *mask,
         ]
-    same = {"kind": collection.kind, "made_of": made_of}
+    same = {"kind": collection.kind, "transparent_is_empty": transparent_is_empty, "made_of": made_of}
 
     def are_there(folder: Path) -> bool:
         return same.items() <= read_mark(folder / MARK).items() and home_of(folder).resolve() == root
@@ -57,7 +58,7 @@ def points_beside(collection: Collection, wanted: Path, report: Report) -> Path:
         )
         with replacing_folder(folder) as work:
             model, near = triangulate(training, work, report)
-            if collection.transparent_is_empty:
+            if transparent_is_empty:
                 _fill_silhouettes(model, training, report)
             if not model.num_points3D():
                 what = f"No point could be triangulated from the photos and cameras of {collection.root}"

@@ -15,7 +15,7 @@ from core.scene.camera import Camera
 USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
 
 
-def lens_of(path: Path, width: int, height: int) -> pycolmap.Camera:
+def pinhole_of(path: Path, width: int, height: int) -> pycolmap.Camera:
     """A pinhole of this size (px), with the focal length of the photo's EXIF if it gives one."""
     length, known = USUAL_FOCAL_LENGTH, False
     with suppress(ValueError):  # a format that COLMAP does not read

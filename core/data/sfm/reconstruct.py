@@ -14,7 +14,7 @@ import core
 from core.data.formats.model_file import quiet
 from core.data.photos.distortion import lens_of, pinhole, undistort
 from core.data.photos.file import upright_exif
-from core.data.photos.folder import list_gone, list_photos, list_unreadable, no_photos
+from core.data.photos.folder import list_gone, list_photos, list_unreadable
 from core.data.photos.pixels import off_white, read_pixels
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
 from core.data.sfm.guided import guide
@@ -50,8 +50,8 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
     into several models, the one with the most photos is kept. It stands upright, as far as photos tell
     (core.data.sfm.upright). Unreadable photos and those without a camera are left out and named. What a stopped run
     found is used again (core.data.sfm.kept_matches). lists: folders whose split lists the scene gets as well. Up to
-    core.data.sfm.mapping.REPEATABLE photos two runs agree bit for bit; beyond, COLMAP maps on several threads, and they
-    differ slightly.
+    core.data.sfm.mapping.REPEATABLE photos two runs nearly always agree bit for bit; beyond, COLMAP maps on several
+    threads, and they differ slightly.
 
     Raises BadInput for a folder with fewer than two readable photos, for an output that cannot be written or is
     anything but a new or empty folder, and where no model is found; DiskFull.
@@ -62,8 +62,6 @@ def reconstruct(photos: Path, output: Path, report: Report, lists: Iterable[Path
         raise BadInput(f"{output} exists and is not an empty folder.", "Choose another -o.")
     check_folder(output)
     paths = list_photos(photos)
-    if not paths:
-        raise no_photos(photos)
     unreadable, gone = ([path.name for path in found] for found in (list_unreadable(photos), list_gone(photos)))
     left_out = name_them("in formats that cannot be read, left out; convert them to JPEG", unreadable)
     for note in [*left_out, *name_them("whose file is gone, left out", gone)]:

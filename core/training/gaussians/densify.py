@@ -120,11 +120,15 @@ def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
     solid = gaussians.solid
     gradient = gaussians.gradient_sum / gaussians.seen.clamp_min(1)
     gradient[solid:] = 0
+    count = min(budget, int((gradient > GRADIENT_THRESHOLD).sum()))
+    if count > 0:
+        _multiply(gaussians, gradient, count, generator)
     gaussians.gradient_sum.zero_()
     gaussians.seen.zero_()
-    count = min(budget, int((gradient > GRADIENT_THRESHOLD).sum()))
-    if count <= 0:
-        return
+
+
+def _multiply(gaussians: Gaussians, gradient: Tensor, count: int, generator: torch.Generator) -> None:
+    """Clone or split the `count` Gaussians with the largest gradients (N,)."""
     # A stable order makes ties, and with them whole runs, reproducible.
     chosen = torch.sort(gradient, descending=True, stable=True).indices[:count].sort().values
     born = {name: tensor[chosen].clone() for name, tensor in gaussians.parameters.items()}

@@ -63,7 +63,7 @@ def test_photos_are_numbered_in_their_order_however_long_they_take(tmp_path):
     names = [f"{number:06d}.jpg" for number in range(1, 7)]
     for number, name in enumerate(names):
         noise = np.random.default_rng(number).integers(
-            0, 256, (1200, 1600, 3) if number % 2 == 0 else (48, 64, 3), np.uint8
+            0, 256, (480, 640, 3) if number % 2 == 0 else (48, 64, 3), np.uint8
         )
         assert cv2.imwrite(str(tmp_path / PHOTOS / name), noise)
     extract(tmp_path, names, QUIET, most=100)

@@ -147,7 +147,7 @@ def test_one_photo_is_too_few(tmp_path):
 
 
 def test_a_folder_without_photos_is_refused(tmp_path):
-    with pytest.raises(BadInput, match="holds no photos"):
+    with pytest.raises(BadInput, match="holds 0 photos that can be used"):
         reconstruct(tmp_path, tmp_path / "scene", Report())
 
 

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from core.config import Settings
 from core.data import load_collection
 from core.data.prepare import prepared
 from core.data.sfm.silhouettes import points_in_silhouettes
@@ -45,6 +46,18 @@ def test_where_nothing_has_features_points_fill_the_silhouettes(balls, tmp_path,
     assert "at random added to 0 triangulated, where no photo shows empty space" in "\n".join(heard.lines)
     again = prepared(balls, tmp_path / "points", heard)
     assert np.array_equal(again.points, collection.points) and not (tmp_path / "points-2").exists()
+
+
+def test_other_scenes_have_silhouettes_where_transparency_is_said_to_mean_empty_space(balls, tmp_path):
+    (balls / "transforms_train.json").rename(balls / "transforms.json")
+    for path in balls.glob("transforms_*.json"):
+        path.unlink()
+    with pytest.raises(BadInput, match="No point could be triangulated"):
+        prepared(balls, tmp_path / "points", Report())
+    collection = prepared(balls, tmp_path / "points", Report(), Settings(transparency="empty"))
+    assert collection.kind == "nerfstudio" and len(collection.points) > 1000
+    with pytest.raises(BadInput, match="No point could be triangulated"):  # those points are not taken for others
+        prepared(balls, tmp_path / "points", Report())
 
 
 def test_cameras_that_look_away_give_no_points(balls, tmp_path):

@@ -15,6 +15,7 @@ import pytest
 from core.data import load_collection
 from core.data.photos.pixels import load_photo
 from core.data.prepare import prepared
+from core.data.sfm import kept_points
 from core.data.sfm.features import DATABASE
 from core.data.sfm.kept_cameras import scene_of_photos
 from core.data.sfm.triangulate import NEAREST, SPREAD, off_line_px, partners, triangulate
@@ -26,6 +27,7 @@ from core.run import run_config, run_folders
 from core.scene.camera import Camera
 from tests.data.converted import changed, write_json
 from tests.data.room_corner import FOCAL, HEIGHT, WIDTH, write_corner
+from tests.failing import failing
 from tests.heard import Heard
 from tests.small import small_settings
 
@@ -252,6 +254,21 @@ def test_a_colmap_model_without_points_gets_them(corner, kept, tmp_path, split):
         finding.name: finding for finding in examine(collection.read_from, heard)
     }
     assert found["points"].figure.startswith(f"{len(off):,},") and "photos with few points" not in found
+
+
+def test_masks_of_the_user_hide_points_and_are_refused_before_any_are_made(corner, tmp_path, monkeypatch):
+    masks, hidden = tmp_path / "masks", np.zeros((HEIGHT, WIDTH), np.uint8)
+    masks.mkdir()
+    cv2.imwrite(str(masks / "elsewhere.png"), hidden)
+    with monkeypatch.context() as patch, pytest.raises(BadInput, match="holds no mask of a training photo"):
+        patch.setattr(kept_points, "triangulate", failing(AssertionError()))
+        prepared(corner, tmp_path / "scene", Report(), masks=masks)
+    hidden[:, : WIDTH // 2] = 255
+    cv2.imwrite(str(masks / "2.png"), hidden)
+    collection = prepared(corner, tmp_path / "scene", Report(), masks=masks)
+    seen = {photo.name: photo.camera.project(collection.points[photo.points])[0] for photo in collection.split("train")}
+    assert (seen["2.png"][:, 0] < WIDTH / 2 + 5).all() and (seen["1.png"][:, 0] > WIDTH / 2 + 5).any()
+    assert (seen["5.png"][:, 1] > HEIGHT / 2 + 5).any()  # whose own mask no longer counts
 
 
 def test_kept_points_that_were_deleted_are_reported(kept, tmp_path):

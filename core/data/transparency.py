@@ -10,7 +10,7 @@ def transparent_may_be_empty(collection: Collection, settings: Settings) -> bool
     not if a dome is asked for, which would fill that."""
     if settings.transparency != AUTO:
         return transparent_is_empty(settings)
-    return collection.transparent_is_empty and settings.sky != "dome"
+    return collection.kind == "blender" and settings.sky != "dome"
 
 
 def transparent_is_empty(settings: Settings) -> bool:

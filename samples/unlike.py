@@ -44,7 +44,7 @@ from wegs_cli.terminal import Terminal
 LIGHTS = {
     "dark": lambda red, green, blue: red + green + blue,
     "bright": lambda *colour: -sum(colour),
-    "warm": lambda red, _, blue: blue / red,
+    "warm": lambda red, _, blue: blue / max(red, 1),
 }
 SMALL_PX = 64  # width of the picture from which a photo's mean colour is taken
 

@@ -17,6 +17,7 @@ from core.export.pictures import to_8_bit, write_png
 from core.scene.camera import Camera
 from core.scene.frame import SceneFrame
 from core.scene.harmonics import coefficient_count, dc_of_colour
+from core.scene.quaternions import from_z_onto
 from core.scene.splats import Splats
 
 WIDTH, HEIGHT, FOCAL = 112, 84, 105.0  # px
@@ -124,15 +125,10 @@ def in_light(surface: Surface, light: Light, degree: int) -> Splats:
     random = np.random.default_rng(0)  # of the surface, not of the light
     sh = torch.from_numpy(SHINE * random.normal(size=(count, coefficient_count(degree), 3))).float()
     sh[:, 0] = dc_of_colour(seen)
-    # The third axis, which is thin, turned from z onto the normal: q = (1 + n z, z x n), and any half turn for -z.
-    x, y, z = surface.normals.T
-    quaternions = np.stack([1 + z, -y, x, np.zeros(count)], axis=1)
-    quaternions[z < -0.999] = [0.0, 1.0, 0.0, 0.0]
+    quaternions = from_z_onto(torch.from_numpy(surface.normals))  # the third axis is the thin one
     log_scales = torch.log(SPACING * torch.tensor(AXES)).expand(count, 3).contiguous()
     opacities = torch.full((count,), 3.0)
-    return Splats(
-        torch.from_numpy(surface.means).float(), torch.from_numpy(quaternions).float(), log_scales, opacities, sh
-    )
+    return Splats(torch.from_numpy(surface.means).float(), quaternions, log_scales, opacities, sh)
 
 
 def draw_light(random: np.random.Generator) -> Light:

@@ -6,6 +6,8 @@ import triton
 # tl.fma, and nowhere else; core.rasterizer.cuda says why.
 UNFUSED = {"enable_fp_fusion": False}
 FUSED = {"enable_fp_fusion": True}
+MOST_NUMBERS = 1 << 31  # fewer are in an array: kernels find their place with 32 bits
+USE_SMALLER = "Use smaller photos (-r 10000: 10,000 px wide)."  # where a picture has more
 
 
 def interpreted() -> bool:

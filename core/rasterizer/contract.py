@@ -1,6 +1,7 @@
 """What a rasterizer must do. Every backend shares these constants, these tie-breaks and these signatures."""
 
 from dataclasses import dataclass
+from math import log, log2
 from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Float, Int
@@ -12,6 +13,8 @@ from core.scene.splats import Splats
 
 # The constants of the original 3DGS viewer, so that a baked file looks there as it looks here.
 ALPHA_MIN = 1.0 / 255.0  # a weaker contribution to a pixel is skipped
+LOG2_ALPHA_MIN = log2(ALPHA_MIN)
+LEAST_LOGIT = log(ALPHA_MIN / (1.0 - ALPHA_MIN))  # of an opacity: a fainter Gaussian shows nowhere
 # Keeps 1 / (1 - alpha) tame; the gradient is zero where alpha is clamped. The float32 number next to 0.99, in every
 # precision: two clamped splats leave (1 - ALPHA_MAX)^2, which only then lies on the same side of STOP_TRANSMITTANCE for
 # all backends.

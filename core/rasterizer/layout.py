@@ -10,14 +10,17 @@ Written out, a conic loses all its digits for a needle that crosses the picture:
 cancels, and the cost is the same: two fused multiply-adds per pixel, as the row's share is known in advance.
 """
 
+from math import e, log2
+
 TILE = 16  # pixels per side
+HALF_LOG2_E = 0.5 * log2(e)
 
 # A row of the footprints. With d = pixel - centre,
 # log2(alpha) = STRENGTH - (SHARPNESS (dx - SLOPE dy))^2 - FALL dy^2
 X, Y = 0, 1  # centre, px
 SLOPE = 2  # b / c: how far the ellipse leans, px per px
-SHARPNESS = 3  # sqrt(log2(e) / 2 * c / det), 1 / px
-FALL = 4  # log2(e) / 2 / c, 1 / px^2
+SHARPNESS = 3  # sqrt(HALF_LOG2_E c / det), 1 / px
+FALL = 4  # HALF_LOG2_E / c, 1 / px^2
 STRENGTH = 5  # log2(opacity)
 RED, GREEN, BLUE = 6, 7, 8
 # The ellipse alpha >= ALPHA_MIN: half its height; half its width on the row through its centre; how far below its

@@ -77,12 +77,12 @@ class ReferenceRasterizer(Rasterizer):
         colours = colour(splats.sh[rows], projection.directions)
         centres = projection.centres if probe is None else projection.centres + probe[rows]
 
-        behind = colours.new_tensor(background)
+        backdrop = colours.new_tensor(background)
         pictures = []
         for pixels in pixel_chunks(camera, len(rows), centres):
             # A checkpoint keeps only the inputs and blends again in the backward pass: memory for one chunk at a time.
             picture = checkpoint(
-                blend, pixels, centres, projection.conics, projection.opacities, colours, behind, use_reentrant=False
+                blend, pixels, centres, projection.conics, projection.opacities, colours, backdrop, use_reentrant=False
             )
             pictures.append(picture)
         return torch.cat(pictures).reshape(camera.height, camera.width, 3)
@@ -287,8 +287,8 @@ def blend_weights(
         unfinished = torch.cumprod(1 - alphas, dim=1) >= stop_transmittance
     # Everything from the stopping splat on is absent, the stopping splat included.
     alphas = torch.where(unfinished, alphas, 0)
-    behind = torch.cumprod(1 - alphas, dim=1)
-    before = torch.cat([torch.ones_like(pixels[:, :1]), behind], dim=1)
+    left_over = torch.cumprod(1 - alphas, dim=1)
+    before = torch.cat([torch.ones_like(pixels[:, :1]), left_over], dim=1)
     return alphas * before[:, :-1], before[:, -1]
 
 

@@ -23,8 +23,8 @@ TILE_CELLS = TILE // CELL_PX  # per side
 
 @dataclass(frozen=True)
 class Shares:
-    """A sparse matrix of `shape` (cells, n), by its entries:
-    the cell, the Gaussian, and how much of the cell the Gaussian makes up."""
+    """A sparse matrix of `shape` (cells, n), by its entries: the cell, the Gaussian, and how much of the cell it makes
+    up, px: alpha T, summed over the cell's pixels as they are weighted."""
 
     cells: Int[Tensor, " k"]
     gaussians: Int[Tensor, " k"]
@@ -39,11 +39,11 @@ class Shares:
         return colours.new_zeros(self.shape[0], colours.shape[1]).index_add(0, self.cells, parts)
 
     def of_cells(self) -> Float[Tensor, " cells"]:
-        """How much of each cell all Gaussians make up."""
+        """How much of each cell all Gaussians make up, px."""
         return self.values.new_zeros(self.shape[0]).index_add_(0, self.cells, self.values)
 
     def of_gaussians(self) -> Float[Tensor, " n"]:
-        """How much each Gaussian makes up of all cells."""
+        """How much each Gaussian makes up of all cells, px."""
         return self.values.new_zeros(self.shape[1]).index_add_(0, self.gaussians, self.values)
 
     @cached_property
@@ -76,25 +76,25 @@ def shares_of_slots(
 ) -> Shares:
     """`Rasterizer.shares` from slots, each of one Gaussian in one tile of TILE_CELLS x TILE_CELLS cells.
 
-    owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours by those
-    of the picture. As a picture is linear in the colours, these are sums of shares. Each channel asks for the same cell
-    of every tile.
+    owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours from
+    that of the picture. As a picture is linear in the colours, these are sums of shares. Each channel asks for one cell
+    of every tile, by its place within the tile.
     """
     rows, columns = grid(camera.height, camera.width)
     tiles_across = -(-columns // TILE_CELLS)
     cells = cell_of_pixels(camera, weight.device)
-    quarter_of_pixels = cells // columns % TILE_CELLS * TILE_CELLS + cells % columns % TILE_CELLS
+    place_of_pixels = cells // columns % TILE_CELLS * TILE_CELLS + cells % columns % TILE_CELLS
     found = []
     for first in range(0, TILE_CELLS**2, 3):
-        quarters = range(first, min(first + 3, TILE_CELLS**2))
+        places = range(first, min(first + 3, TILE_CELLS**2))
         asked = weight.new_zeros(*weight.shape, 3)
-        for channel, quarter in enumerate(quarters):
-            asked[..., channel] = weight * (quarter_of_pixels == quarter)
+        for channel, place in enumerate(places):
+            asked[..., channel] = weight * (place_of_pixels == place)
         sums = colour_gradients(asked)
-        for channel, quarter in enumerate(quarters):
+        for channel, place in enumerate(places):
             slots = sums[:, channel].nonzero()[:, 0]
-            row = TILE_CELLS * (tiles[slots] // tiles_across) + quarter // TILE_CELLS
-            column = TILE_CELLS * (tiles[slots] % tiles_across) + quarter % TILE_CELLS
+            row = TILE_CELLS * (tiles[slots] // tiles_across) + place // TILE_CELLS
+            column = TILE_CELLS * (tiles[slots] % tiles_across) + place % TILE_CELLS
             found.append((row * columns + column, owners[slots].long(), sums[slots, channel]))
     entry_cells, entry_gaussians, values = map(torch.cat, zip(*found))
     return Shares(entry_cells, entry_gaussians, values, (rows * columns, count))

@@ -24,8 +24,8 @@ LEAST_SPREAD_BEYOND_EXPOSURE = 3.5
 LEAST_STRANGE_SHARE = 0.015
 # Photos. Masks learned from ten photos of plaza found hardly anyone (three times ten: IoU 0.04 to 0.13, 0.0 dB
 # zero-shot, - 0.1 refined), those from eight of kermit, where nobody passes, hid the background and cost 0.9 and 0.5
-# dB. To remove what those from eight of Sacre-Coeur hide cost 0.1 and 0.4 dB, and trees that one or two of them show
-# (two seeds; all at `quick`).
+# dB. Removing the Gaussians that masks from eight photos of Sacre-Coeur hide cost 0.1 and 0.4 dB, and took away trees
+# that only one or two of them show (two seeds; all at `quick`). DensityControl removes none from fewer photos, either.
 FEWEST_FOR_MASKS = 20
 # Degree 1 against 0 on held-out training photos, dB: + 0.3 at 90 % (fountain), + 0.2 at 59 % (kermit), 0 at 33 % (calm
 # plaza), 0 to + 0.4 at 21 % (Liberty), 0 to - 0.5 at 4 % (plaza).

@@ -182,12 +182,12 @@ def draw(lists: TileLists, camera: Camera, background: Colour, strongest: np.nda
     strongest: zeros (pairs,) float32, to become the largest alpha * transmittance of each slot.
     """
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
-    behind = tuple(np.float32(channel) for channel in background)
+    colour = tuple(np.float32(channel) for channel in background)
     if strongest is None:
         strongest = np.empty(0, dtype=np.float32)
     sorted_into_tiles = lists.tile_starts, lists.entries, lists.footprints
     outputs = image, lists.drawn_chunks, strongest
-    on_all_tiles(lists, lambda *walk: blend_forward(*walk, *sorted_into_tiles, behind, *outputs))
+    on_all_tiles(lists, lambda *walk: blend_forward(*walk, *sorted_into_tiles, colour, *outputs))
     return image
 
 

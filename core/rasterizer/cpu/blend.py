@@ -20,12 +20,12 @@ from core.kernels.simd import (
     store,
 )
 from core.rasterizer import layout
-from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, STOP_TRANSMITTANCE
+from core.rasterizer.contract import ALPHA_MAX, LOG2_ALPHA_MIN, STOP_TRANSMITTANCE
 from core.rasterizer.layout import TILE
 
 CHUNKS = 2 * TILE
 BATCH = 16  # splats whose chunk sets are found ahead, so that the branches on them are known when they come
-LOG2_ALPHA_MIN = np.float32(np.log2(ALPHA_MIN))
+LEAST_EXPONENT = np.float32(LOG2_ALPHA_MIN)
 ALPHA_LIMIT = np.float32(ALPHA_MAX)
 STOP = np.float32(STOP_TRANSMITTANCE)
 ZERO, ONE = np.float32(0), np.float32(1)
@@ -67,7 +67,7 @@ def touched_chunks(sharpness, terms, at):
             minus_at_last = broadcast(-sharpness * SPAN) - at_first
             nearest = maximum(maximum(at_first, minus_at_last), broadcast(ZERO))
             highest = load(terms, at + TILE + half * LANES) - nearest * nearest
-            rows = bits(highest >= broadcast(LOG2_ALPHA_MIN))
+            rows = bits(highest >= broadcast(LEAST_EXPONENT))
             chunks |= rows << np.uint32(side * TILE + half * LANES)
     return chunks
 
@@ -80,7 +80,7 @@ def alpha_in_chunk(chunk, sharpness, terms, at):
     shifted = multiply_add(sharpness, x, broadcast(terms[row]))
     exponent = broadcast(terms[row + TILE]) - shifted * shifted
     # The polynomial is nonsense for exponents below its range, which the selection throws away.
-    return select(exponent >= broadcast(LOG2_ALPHA_MIN), exp2(exponent), broadcast(ZERO))
+    return select(exponent >= broadcast(LEAST_EXPONENT), exp2(exponent), broadcast(ZERO))
 
 
 @exact_part

@@ -1,4 +1,5 @@
-"""Gradients of the picture by the footprints: the forward pass once more, with two numbers of state per pixel, T and S.
+"""Gradients of the picture by the footprints: the forward pass once more, with two numbers of state per pixel, T and S
+(`light` and `behind`).
 
 With C(p) the picture including its background, v = dL/dC and c_i the colours, let S_i = v . (what splats i + 1, ... and
 the background add to the pixel). Going front to back, S starts as v . C and loses w_i (v . c_i) at each splat, and

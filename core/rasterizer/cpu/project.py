@@ -10,20 +10,13 @@ import numpy as np
 
 from core.kernels.compiled import kernel, part
 from core.rasterizer import layout
-from core.rasterizer.contract import (
-    ALPHA_MIN,
-    BLUR_PX2,
-    LOG_SCALE_RANGE,
-    NEAR,
-)
+from core.rasterizer.contract import ALPHA_MIN, BLUR_PX2, LEAST_LOGIT, LOG2_ALPHA_MIN, LOG_SCALE_RANGE, NEAR
 from core.rasterizer.cpu.bin import add_to_loads
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
 from core.rasterizer.cpu.vectors import cross, dot, row, scaled, subtract
+from core.rasterizer.layout import HALF_LOG2_E
 from core.scene.splats import QUATERNION_MIN_NORM2
 
-HALF_LOG2_E = 0.5 * math.log2(math.e)
-LOG2_ALPHA_MIN = math.log2(ALPHA_MIN)
-LEAST_LOGIT = math.log(ALPHA_MIN / (1.0 - ALPHA_MIN))
 LEAST_LOG_SCALE, MOST_LOG_SCALE = LOG_SCALE_RANGE
 MOST_LEVEL = 2.0 * math.log(1.0 / ALPHA_MIN) * (1 + 1e-9)  # `level_of` an opacity of 1, and rounding
 SPHERE_MARGIN = 1 + 1e-9  # rounding of the axes' lengths

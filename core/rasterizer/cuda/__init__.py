@@ -1,9 +1,10 @@
 """The CUDA backend: Triton kernels, so that nothing is compiled at install. Imported only when CUDA is asked for.
 
 backend (the contract, as a torch.autograd.Function) -> project and project_backward (Gaussians to ellipses and back,
-over geometry, harmonics and vectors) -> bin (depth order, tile lists) -> blend_forward and blend_backward (the pixels,
-over blend). Of the same shape as core.rasterizer.cpu, and by the same formulas, but for the ellipse's gradient
-(project_backward); float32 throughout, as the double precision of consumer cards is 64 times slower.
+over view, geometry, harmonics, vectors and footprint) -> bin (depth order, tile lists) -> blend_forward and
+blend_backward (the pixels, over blend). Of the same shape as core.rasterizer.cpu, and by the same formulas, but for how
+the covariance enters the ellipse's gradient (project_backward); float32 throughout, as the double precision of consumer
+cards is 64 times slower.
 
 No kernel uses atomics: a tile writes its sums to slots of its own, which are then added up a Gaussian at a time, so
 pictures and gradients are the same bits in every run on one machine. Fused multiply-adds are never left to the

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput, BadSetting
-from core.kernels.triton_launch import FUSED, UNFUSED, blocks, interpreted
+from core.kernels.triton_launch import FUSED, MOST_NUMBERS, UNFUSED, USE_SMALLER, blocks, interpreted
 from core.rasterizer import inputs, layout
 from core.rasterizer.contract import BLACK, Colour, Rasterizer, Visible
 from core.rasterizer.cuda import blend_backward, blend_forward, project, project_backward
@@ -30,7 +30,6 @@ MEMORY_INTERPRETED = 4 << 30  # bytes
 # sections at most.
 PROGRAMS = 1 if interpreted() else 8192  # the interpreter runs one after the other
 MOST_PARTS, MOST_SECTIONS = 8, 32
-MOST_NUMBERS = 1 << 31  # fewer are in an array of Gaussians, or in a picture, as kernels find their place with 32 bits
 
 
 class Room(NamedTuple):
@@ -216,7 +215,7 @@ def prepare(parameters: Sequence[Tensor], probe: Tensor | None, camera: Camera, 
     width, height = (camera.width, camera.height) if known is None else (known.width, known.height)
     if 3 * width * height >= MOST_NUMBERS:
         what = f"A picture of {width}x{height} px is larger than the cuda rasterizer can count."
-        raise BadInput(what, "Use smaller photos (-r 10000: 10,000 px wide).")
+        raise BadInput(what, USE_SMALLER)
     footprints = torch.empty(count, layout.FOOTPRINT_COLUMNS, device=device)
     depths = torch.empty(count, device=device)
     tile_counts = torch.empty(count, dtype=torch.int32, device=device)

@@ -11,8 +11,6 @@ Splats are blended in pairs, each read while the one before it is blended: a sma
 waiting of one to be hidden by the work of others.
 """
 
-import math
-
 import triton
 import triton.language as tl
 
@@ -21,7 +19,7 @@ from core.rasterizer.cuda import footprint
 
 PIXELS = tl.constexpr(layout.TILE**2)
 BATCH = tl.constexpr(16)
-LOG2_ALPHA_MIN = tl.constexpr(math.log2(contract.ALPHA_MIN))
+LOG2_ALPHA_MIN = tl.constexpr(contract.LOG2_ALPHA_MIN)
 ALPHA_MAX = tl.constexpr(contract.ALPHA_MAX)
 STOP = tl.constexpr(contract.STOP_TRANSMITTANCE)
 

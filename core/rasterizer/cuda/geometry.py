@@ -1,12 +1,10 @@
 """From a Gaussian's parameters to its ellipse: what projecting and its gradient share.
 The definition is the reference."""
 
-import math
-
 import triton
 import triton.language as tl
 
-from core.rasterizer import contract
+from core.rasterizer import contract, layout
 from core.rasterizer.cuda.vectors import constants_3, cross, dot, load_3, scaled, subtract
 from core.rasterizer.cuda.view import (
     BOTTOM,
@@ -29,9 +27,9 @@ NEAR = tl.constexpr(contract.NEAR)
 BLUR_PX2 = tl.constexpr(contract.BLUR_PX2)
 ALPHA_MIN = tl.constexpr(contract.ALPHA_MIN)
 QUATERNION_MIN_NORM2 = tl.constexpr(splats.QUATERNION_MIN_NORM2)
-LEAST_LOGIT = tl.constexpr(math.log(contract.ALPHA_MIN / (1.0 - contract.ALPHA_MIN)))
+LEAST_LOGIT = tl.constexpr(contract.LEAST_LOGIT)
 LEAST_LOG_SCALE, MOST_LOG_SCALE = (tl.constexpr(limit) for limit in contract.LOG_SCALE_RANGE)
-HALF_LOG2_E = tl.constexpr(0.5 * math.log2(math.e))
+HALF_LOG2_E = tl.constexpr(layout.HALF_LOG2_E)
 
 
 @triton.jit

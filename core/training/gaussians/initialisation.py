@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 from core.config import Settings
 from core.data.collection import Collection, astray
 from core.scene.harmonics import coefficient_count, dc_of_colour
+from core.scene.quaternions import from_z_onto
 from core.scene.splats import Splats
 from core.training.gaussians.gaussians import Gaussians
 
@@ -69,9 +70,7 @@ def sky_dome(collection: Collection, settings: Settings) -> Splats:
     width = radius * np.sqrt(4.0 * np.pi / count)
     colours = np.broadcast_to(collection.point_colours.mean(axis=0), normals.shape)
     dome = _isotropic(normals * radius, np.full(count, width), colours, SKY_OPACITY, settings.sh_degree)
-    # The rotation that turns z into the normal n: the half-way quaternion (1 + n_z, -n_y, n_x, 0).
-    half_way = np.stack([1 + normals[:, 2], -normals[:, 1], normals[:, 0], np.zeros(count)], axis=1)
-    dome.quaternions = torch.nn.functional.normalize(torch.from_numpy(half_way).float(), dim=1)
+    dome.quaternions = from_z_onto(torch.from_numpy(normals))
     dome.log_scales[:, 2] += float(np.log(SKY_FLATNESS))
     return dome
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from core.errors import BadInput
-from core.kernels.triton_launch import FUSED, blocks
+from core.kernels.triton_launch import FUSED, MOST_NUMBERS, USE_SMALLER, blocks
 from core.training.losses import photometric
 
 BLOCK = 128  # pixels per program, one per thread
@@ -21,7 +21,6 @@ RADIUS, WINDOW = tl.constexpr(photometric.RADIUS), tl.constexpr(photometric.WIND
 C1, C2 = tl.constexpr(photometric.C1), tl.constexpr(photometric.C2)
 SIZES = ["height", "width"]  # Triton would compile anew for sizes that are multiples of 16
 PLANES = 9  # three products of three channels
-MOST_NUMBERS = 1 << 31  # fewer are in all planes, as kernels find their place with 32 bits
 
 
 @triton.jit(do_not_specialize=SIZES)
@@ -133,7 +132,7 @@ def photometric_cuda(
     height, width = image.shape[:2]
     if PLANES * height * width >= MOST_NUMBERS:
         what = f"A photo of {width}x{height} px is larger than the picture loss can count on a GPU."
-        raise BadInput(what, "Use smaller photos (-r 10000: 10,000 px wide).")
+        raise BadInput(what, USE_SMALLER)
     return _Photometric.apply(image, target, weight, float(ssim_weight))
 
 

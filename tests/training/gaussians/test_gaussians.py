@@ -27,7 +27,8 @@ def test_before_geometry_from_only_harmonics_learn(trainer_of):
     for step in range(1, 11):
         trainer.step()
         moved = {name for name, tensor in trainer.gaussians.parameters.items() if not torch.equal(tensor, before[name])}
-        assert moved == ({"sh"} if step <= 5 else set(before)), step
+        # The first step makes ellipsoids of spheres, whose turns no picture shows.
+        assert moved == ({"sh"} if step <= 5 else set(before) - ({"quaternions"} if step == 6 else set())), step
 
 
 def test_gaussians_learn_at_the_rates_that_are_set_bands_above_dc_at_a_twentieth():

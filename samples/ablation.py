@@ -1,5 +1,5 @@
 """What each part of the method is worth: the paper's ablation (its Table IV),
-and each difference of wegs from the paper, switched back.
+and differences of wegs from the paper, switched back.
 
     python samples/ablation.py samples/plaza --seeds 3
     python samples/ablation.py statue_of_liberty --preset default -r 2

@@ -6,6 +6,7 @@ they can learn where in this one photo a shadow falls. What the photo does not s
 part meanwhile, or it would take on colours that nothing bears out.
 """
 
+from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from itertools import cycle
@@ -19,6 +20,7 @@ from torch import Tensor
 
 from core.appearance.colouring import EVEN, Colouring, Weights
 from core.appearance.strangeness import LARGEST_EXCESS, excess
+from core.report import Told, unheard
 from core.scene.camera import Camera
 from core.scene.cells import cell_of_pixels, cell_sums, grid
 from core.system.threads import threads_for_blocks
@@ -114,13 +116,33 @@ class Wanted:
         return cell_sums(weight)[:, 0], cell_sums(self.picture * weight)
 
 
-def steps_of(seen: Refinable) -> int:
-    """How many steps a refinement takes."""
-    return STEPS + LATER_STEPS if seen.hidden_weights else STEPS
+def refining_to(
+    seen_by: Callable[[Camera], Refinable],
+    start: Colouring,
+    camera: Camera,
+    pixels: Float[Tensor, "h w 3"],
+    valid: Bool[Tensor, "h w"] | None,
+    told: Told = unheard,
+) -> Iterator[Colouring]:
+    """The steps of `refinement` from the look `start` to one in which `camera` sees what a photo shows.
+
+    pixels: the photo, [0, 1]. valid: which pixels count; None: all. told: called with the number of steps done.
+    """
+    wanted = Wanted.of(camera, pixels, valid)
+    seen = seen_by(wanted.camera)
+    steps = STEPS + LATER_STEPS if seen.hidden_weights else STEPS
+    for step, look in enumerate(refinement(seen, start, wanted)):
+        told(step, steps)
+        yield look
+
+
+def last(course: Iterator[Colouring]) -> Colouring:
+    """The look with which a refinement ends."""
+    return deque(course, maxlen=1).pop()
 
 
 def refinement(seen: Refinable, start: Colouring, photo: Wanted) -> Iterator[Colouring]:
-    """The best look after 0, 1, ... `steps_of(seen)` steps from `start`. photo: of the camera that sees the view.
+    """The best look after 0, 1, ... steps from `start`. photo: of the camera that sees the view.
 
     It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are
     lit. L1, because passers-by would pull harder on a squared error; what looks strange in `start` counts less. All sky
@@ -210,8 +232,7 @@ def _samples(rows: Int[Tensor, " r"], count: int) -> Int[Tensor, "k s"]:
 
 
 class _Learning:
-    """Adam (Kingma & Ba 2015) for one tensor, in place.
-    torch's own would import its compiler, which takes as long as half of a refinement.
+    """Adam (Kingma & Ba 2015) for one tensor, in place, with a rate for each number, which torch's own does not have.
 
     rate: of each number, or of all. bound: where the tensor may be.
     """

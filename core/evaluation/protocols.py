@@ -17,10 +17,11 @@ from numpy import ndarray
 from torch import Tensor
 
 from core.appearance.colouring import Colouring
+from core.appearance.refinement import last, refining_to
 from core.data.photos.fill import fill
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
-from core.evaluation.subject import Subject, last, refining_to
+from core.evaluation.subject import Subject
 from core.evaluation.truth import UNKNOWN, Truth
 from core.export.pictures import to_8_bit
 from core.scene.camera import Camera
@@ -71,7 +72,7 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    return refining_to(subject, Colouring(fit.start), fit.camera, fit.region, fit.valid)
+    return refining_to(subject.seen_by, Colouring(fit.start), fit.camera, fit.region, fit.valid)
 
 
 def refined(subject: Subject, fit: Fit) -> Colouring:

@@ -74,6 +74,8 @@ class Results:
         """The means as rows of a table: (what was compared with, which look; figures)."""
         rows, of_lpips = [], "LPIPS {:.3f} (lower is better)"
         for against, by_look in self.means().items():
+            if against == "clean" and self.protocol == "half":
+                against = "clean, whole picture"
             for look, figures in by_look.items():
                 forms = {"psnr": "PSNR {:.2f} dB", "ssim": "SSIM {:.3f}", "lpips": of_lpips}
                 words = [form.format(figures[name]) for name, form in forms.items() if figures[name] is not None]

@@ -8,10 +8,10 @@ from pathlib import Path
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from core.appearance.refinement import last, refining_to
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
-from core.evaluation.subject import last, refining_to
 from core.looks.locate import locate
 from core.looks.trained import Look, TrainedRun
 from core.report import QUIET, Report
@@ -68,5 +68,5 @@ def refined(
     report: Report = QUIET,
 ) -> Look:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]."""
-    course = refining_to(trained, look.colouring, camera, pixels, valid, partial(report.progress, "Refinement"))
+    course = refining_to(trained.seen_by, look.colouring, camera, pixels, valid, partial(report.progress, "Refinement"))
     return replace(look, colouring=last(course))

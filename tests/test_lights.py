@@ -25,9 +25,9 @@ def folder(tmp_path_factory):
 def test_a_sheet_of_styles(folder, tmp_path, monkeypatch):
     reports = []
 
-    def heard(*given, report, **options):
-        reports.append(report)
-        return find_look(*given, report=report, **options)
+    def heard(*given, refine=True, report=QUIET):
+        reports.extend([report] if refine else [])
+        return find_look(*given, refine=refine, report=report)
 
     monkeypatch.setattr(lights, "find_look", heard)
     styles = []
@@ -105,7 +105,11 @@ def test_a_sheet_without_photos(folder, tmp_path):
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_the_work(folder, options, words, monkeypatch):
-    monkeypatch.setattr(lights, "find_look", None)
+    def without_work(live, word, refine):
+        assert not refine
+        return find_look(live, word, refine=False)
+
+    monkeypatch.setattr(lights, "find_look", without_work)
     result = CliRunner().invoke(lights.main, [str(folder), *options])
     assert result.exit_code == 1 and words in result.output
 

@@ -241,8 +241,9 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         yield work
         old = check_fillable(folder, patterns, force)  # another program may have filled it meanwhile
         fresh = {folder / path.name for path in work.iterdir()}
-    for path in set(old) - fresh:  # last, so that a kill never leaves neither the old files nor the new ones
-        remove(path)
+    with _named(folder):
+        for path in set(old) - fresh:  # last, so that a kill never leaves neither the old files nor the new ones
+            remove(path)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from core.errors import BadInput, DiskFull, WegsError, disk_full
 from core.system import atomic, lock
 from core.system.atomic import filling, replacing, write_json
 from core.system.outputs import files_in
-from tests.failing import failing
+from tests.failing import DENIED, failing
 
 
 def test_a_file_keeps_its_old_content_when_writing_fails(tmp_path):
@@ -125,6 +125,13 @@ def test_a_folder_is_never_left_empty_while_it_is_filled_anew(tmp_path, monkeypa
 
 
 @pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
+def test_an_old_file_that_may_not_be_removed_is_an_error_of_the_folder(tmp_path, monkeypatch):
+    (tmp_path / "old.png").write_bytes(b"old")
+    monkeypatch.setattr(atomic, "remove", failing(DENIED))
+    with pytest.raises(BadInput, match=f"{tmp_path} could not be written"), filling(tmp_path, ("*.png",), True) as work:
+        (work / "new.png").write_bytes(b"new")
+
+
 def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_path):
     def old(name):
         (tmp_path / name).mkdir()

@@ -86,8 +86,10 @@ def test_without_a_gpu_one_line_says_so():
 
 
 def test_launches_waits_and_kernels_are_counted_separately():
-    def event(key, count, on_gpu=0.0, on_cpu=1.0):
-        return SimpleNamespace(key=key, count=count, device_time_total=on_gpu, cpu_time_total=on_cpu)
+    def event(key, count, on_gpu=0.0, on_cpu=1.0, named=False):
+        return SimpleNamespace(
+            key=key, count=count, device_time_total=on_gpu, cpu_time_total=on_cpu, is_user_annotation=named
+        )
 
     events = [
         event("cudaLaunchKernel", 7),
@@ -95,7 +97,8 @@ def test_launches_waits_and_kernels_are_counted_separately():
         event("cudaStreamSynchronize", 1),
         event("aten::mul", 3, 5.0),
     ]
-    found = gpu.seen([*events, event("cudaDeviceSynchronize", 1), event("blend_forward", 1, 2000.0, 0.0)])
+    events += [event("cudaDeviceSynchronize", 1), event("Optimizer.step#Adam.step", 1, 900.0, 0.0, named=True)]
+    found = gpu.seen([*events, event("blend_forward", 1, 2000.0, 0.0)])
     assert found == gpu.Seen(launches=9, waits=1, kernels={"blend_forward": 0.002})
 
 

@@ -101,12 +101,13 @@ def profiled(work: Callable[[], object], place: Place) -> Seen:
 
 
 def seen(events: Iterable) -> Seen:
-    """events: with key, count, and device_time_total (µs) of what ran on the GPU."""
+    """events: with key, count, device_time_total (µs) of what ran on the GPU, and is_user_annotation."""
     counts: dict[str, int] = {}
     kernels: dict[str, float] = {}
     for found in events:
         counts[found.key] = counts.get(found.key, 0) + found.count
-        if found.device_time_total and not found.cpu_time_total:
+        # What is named on the GPU's clock, as torch's optimizers name their steps, is around kernels that are there.
+        if found.device_time_total and not found.cpu_time_total and not found.is_user_annotation:
             kernels[found.key] = found.device_time_total / 1e6
     launches, waits = (sum(counts.get(name, 0) for name in names) for names in (LAUNCHES, WAITS))
     return Seen(launches, waits, kernels)

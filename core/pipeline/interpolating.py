@@ -64,8 +64,9 @@ def interpolate(
     if old and not is_of_wegs(output):  # photos may be called frame_*.png, too, as nerfstudio's are
         raise holds_others(output, old[0])
     words = dict.fromkeys((first, last))
-    for word in words:  # to refuse either before the first is refined, which takes seconds
-        find_look(trained, word, refine=False)
+    if refine:  # which takes seconds: either is refused before
+        for word in words:
+            find_look(trained, word, refine=False)
     looks = {word: find_look(trained, word, refine=refine, report=report) for word in words}
     ends = looks[first], looks[last]
     report.say(f"{trained.folder}{trained.on_device_in_words}: {counted(steps, 'frame')}, {seen_from}")

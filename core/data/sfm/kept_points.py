@@ -32,8 +32,8 @@ def points_beside(collection: Collection, transparent_is_empty: bool, wanted: Pa
 
     transparent_is_empty: whether the space that photos show as transparent is empty. wanted: the name of the folder,
     to which a number is added if it is taken. Points are used again only for the very same training photos, masks and
-    cameras. Warns each time if the cameras do not fit the photos. Raises BadInput if no
-    point is found, or nothing can be written.
+    cameras. Warns each time if the cameras do not fit the photos. Raises BadInput if no point is found, or nothing can
+    be written.
     """
     training = [(photo, photo.camera.in_world(collection.frame)) for photo in collection.split("train")]
     root = collection.root.resolve()

@@ -56,11 +56,12 @@ def as_out_of_memory(problem: BaseException) -> WegsError | None:
     for which torch and OpenCV have exceptions of their own; else None."""
     of_torch = str(problem) if isinstance(problem, RuntimeError) else ""
     of_opencv = type(problem).__module__ == "cv2" and getattr(problem, "code", None) == OPENCV_NO_MEMORY
-    if "CUDA" in of_torch and "out of memory" in of_torch:  # torch's own words, CUDA's and Triton's
+    # torch's own words, CUDA's and Triton's; those of CUDA's libraries.
+    if ("CUDA" in of_torch and "out of memory" in of_torch) or "STATUS_ALLOC_FAILED" in of_torch:
         return WegsError(
             "The memory of the GPU ran out.", f"{LESS_MEMORY}, or use the CPU: set CUDA_VISIBLE_DEVICES=-1."
         )
-    if isinstance(problem, MemoryError) or of_opencv or "can't allocate memory" in of_torch:
+    if isinstance(problem, MemoryError) or of_opencv or "allocate memory" in of_torch:
         return WegsError("There is not enough memory.", f"{LESS_MEMORY}, or raise --memory if it is set.")
     return None
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from core.errors import BadInput, command
+from core.errors import BadInput, as_out_of_memory, command
 from core.system import atomic, outputs
 
 NAME = re.compile(r"checkpoint_\d{6,}\.safetensors")
@@ -122,10 +121,12 @@ def _read(path: Path, with_tensors: bool) -> Checkpoint:
             facts = json.loads((file.metadata() or {})["wegs"])
             names = file.keys() if with_tensors else ()
             tensors = {name: file.get_tensor(name) for name in names}
-    except (PermissionError, torch.OutOfMemoryError):  # the second a RuntimeError, and no fault of the checkpoint's
+    except PermissionError:
         raise
-    # Of torch if the file goes meanwhile.
+    # RuntimeError: of torch, if the file goes meanwhile.
     except (OSError, SafetensorError, KeyError, ValueError, RuntimeError) as error:
+        if as_out_of_memory(error) is not None:  # no fault of the checkpoint's
+            raise
         raise BadInput(f"{path} is not a readable checkpoint: {error}.", "Train again, or name another run.") from None
     if facts.get("version") != VERSION:
         raise BadInput(f"{path} has version {facts.get('version')}, this is version {VERSION}.", "Train again.")
@@ -137,9 +138,9 @@ def fitting(path: Path) -> Iterator[None]:
     """Around building from the checkpoint `path`: raises BadInput if parts of it are missing or of other sizes."""
     try:
         yield
-    except torch.OutOfMemoryError:  # a RuntimeError, and no fault of the checkpoint's
-        raise
     except (KeyError, TypeError, ValueError, RuntimeError) as problem:
+        if as_out_of_memory(problem) is not None:  # no fault of the checkpoint's
+            raise
         reason = " ".join(str(problem).split())[:200]
         raise BadInput(
             f"{path} does not fit its run: {type(problem).__name__}: {reason}.",

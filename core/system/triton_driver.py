@@ -37,7 +37,7 @@ class Cuda:
         if status := getattr(self.library, name)(*arguments):
             words = ctypes.c_char_p()
             self.library.cuGetErrorString(status, ctypes.byref(words))
-            raise RuntimeError(f"{name}: {(words.value or b'unknown error').decode()}")
+            raise RuntimeError(f"CUDA error of {name}: {(words.value or b'unknown error').decode()}")
 
     def number(self, name: str, *arguments) -> int:
         """What a function writes to an int, its first argument."""

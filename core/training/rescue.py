@@ -4,6 +4,7 @@ what was learned is saved, and the user is told what to do."""
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from traceback import clear_frames
 
 from core.errors import LESS_MEMORY, DiskFull, TrainingStopped, WegsError, as_disk_full, as_out_of_memory, command
 from core.rasterizer.inputs import ListsTooLarge
@@ -28,7 +29,8 @@ def saved_if_room_runs_out(trainer: Trainer) -> Iterator[None]:
     except Exception as problem:
         if (cause := as_no_room(problem)) is None:
             raise
-        path = trainer.save()  # moves tensor by tensor to the machine's own memory: takes none on the GPU
+        clear_frames(problem.__traceback__)  # which hold all that the failed step had made
+        path = trainer.save()
         bake = command("wegs", "bake", "--run", trainer.folder, "--appearance", "PHOTO", "-o", "look.ply")
         raise TrainingStopped(
             f"{cause.what} {_kept(trainer, path)}", f"{LESS_MEMORY}; what is saved can be baked: {bake}"

@@ -5,7 +5,7 @@ result.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple, TypeVar
 
@@ -102,7 +102,8 @@ class InView(NamedTuple):
 
 @dataclass
 class Stepper:
-    """Prepares and takes the steps of a run, on what all of them share. generator: of their random numbers."""
+    """Prepares and takes the steps of a run, on what all of them share.
+    generator: of their random numbers. messages: warnings that the user has not been told yet."""
 
     settings: Settings
     photos: SizedPhotos
@@ -111,6 +112,7 @@ class Stepper:
     objective: Objective
     rasterizer: Rasterizer
     generator: torch.Generator
+    messages: list[str] = field(default_factory=list)
 
     def prepare(self, gaussians: Gaussians, index: int, done: int) -> PreparedStep:
         """Prepare a step, drawing its random numbers. index: the photo's. done: steps before this one."""

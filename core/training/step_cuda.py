@@ -44,7 +44,7 @@ class StepperOnGpu(Stepper):
     ran: set[bool] = field(default_factory=set)
     recordings: dict[bool, tuple[Recording[tuple[Reading, Tensor]], StepInputs]] = field(default_factory=dict)
     recorder: Recorder | None = None
-    records: bool = True  # False once the GPU's memory did not suffice for a recording, or beside one
+    records: bool = True  # False once a recording failed, or memory did not suffice beside one
 
     def forget(self) -> None:
         self.room = NO_ROOM
@@ -122,16 +122,19 @@ class StepperOnGpu(Stepper):
     def _replay_or_run(
         self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment
     ) -> tuple[Reading, Tensor]:
-        """Take the step. A recording keeps the memory that it works in:
-        where too little is left beside, this step and all later ones are run."""
+        """Take the step. A recording keeps the memory that it works in: where too little is left beside, or where none
+        can be made, this step and all later ones are run. What is wrong with the step itself, it raises then."""
         recorder = self.recorder if has_transient_loss in self.ran and self._can_be_replayed(inputs) else None
         try:
             if recorder is None:
                 return self._learn(gaussians, inputs, moment)
             return self._replay(recorder, has_transient_loss, gaussians, inputs, moment)
-        except RuntimeError as problem:  # torch's own for it, or CUDA's
-            if as_out_of_memory(problem) is None or (recorder is None and not self.recordings):
+        except RuntimeError as problem:  # torch's own for too little memory, or CUDA's
+            recording_failed = recorder is not None and has_transient_loss not in self.recordings
+            if not recording_failed and (as_out_of_memory(problem) is None or not self.recordings):
                 raise
+            cause = str(problem).partition("\n")[0]
+            self.messages.append(f"Steps take longer from here on: their kernels can't be launched as one ({cause})")
         # Not above: until its handler ends, the exception keeps all that the failed attempt made.
         self.records = False
         self._drop_recordings()

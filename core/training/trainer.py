@@ -196,6 +196,8 @@ class Trainer:
         else:
             outcome = "taught the networks nothing" if facts.taken else "was skipped"
             messages = [self._skip(moment.index, fault, outcome)]
+        messages += self.stepper.messages
+        self.stepper.messages.clear()
         return StepReport(
             step=state.done,
             seconds=state.seconds,

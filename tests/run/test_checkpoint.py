@@ -8,7 +8,7 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import save_file
 
-from core.errors import BadInput
+from core.errors import BadInput, as_out_of_memory
 from core.run import checkpoint, run_folders
 from core.system import lock, outputs
 from tests.failing import DENIED, failing
@@ -91,6 +91,30 @@ def test_a_checkpoint_that_may_not_be_read_is_not_called_missing(tmp_path, monke
     monkeypatch.setattr(Path, "open", failing(DENIED))
     with pytest.raises(PermissionError):
         checkpoint.load(path)
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        MemoryError(),
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 GiB."),
+        RuntimeError("CUDA error of cuModuleLoadData: out of memory"),
+        RuntimeError("CUDA error: CUBLAS_STATUS_ALLOC_FAILED when calling `cublasCreate(handle)`"),
+        RuntimeError(
+            "unable to mmap 7666892 bytes from file <checkpoint_000010.safetensors>: Cannot allocate memory (12)"
+        ),
+        RuntimeError("[enforce fail at alloc_cpu.cpp:127] err == 0. DefaultCPUAllocator: can't allocate memory"),
+    ],
+    ids=lambda problem: str(problem)[:40],
+)
+def test_where_memory_runs_out_no_checkpoint_is_called_broken(tmp_path, monkeypatch, problem):
+    path = checkpoint.save(tmp_path, checkpoint.Checkpoint({"a.b": torch.arange(3)}, {"step": 7}))
+    monkeypatch.setattr(checkpoint, "safe_open", failing(problem))
+    with pytest.raises(type(problem)) as read:
+        checkpoint.load(path)
+    with pytest.raises(type(problem)) as built, checkpoint.fitting(path):
+        raise problem
+    assert read.value is built.value is problem and as_out_of_memory(problem) is not None
 
 
 def test_a_checkpoint_that_the_next_one_replaces_while_it_is_read_is_no_damage(tmp_path):

@@ -108,11 +108,11 @@ class Again:
     """Stands for a Recorder: where a GPU would replay, it does the work again,
     on the tensors and Python numbers that it was recorded with.
 
-    full: whether memory is too short to record. recorded: how many recordings were made. attempt: of the recording that
-    failed, what it made.
+    fault: why no recording can be made. recorded: how many recordings were made. attempt: of the recording that failed,
+    what it made.
     """
 
-    full, recorded, attempt = False, 0, None
+    fault, recorded, attempt = None, 0, None
 
     beside = staticmethod(beside)
 
@@ -123,10 +123,10 @@ class Again:
         pass
 
     def record(self, work):
-        if self.full:
+        if self.fault:
             made = torch.zeros(())
             Again.attempt = weakref.ref(made)
-            raise RuntimeError("CUDA error: out of memory")  # of making a graph of what was recorded
+            raise RuntimeError(self.fault)
         Again.recorded += 1
         return SimpleNamespace(replay=work)
 
@@ -173,10 +173,13 @@ def test_steps_whose_rows_the_host_chooses_are_not_replayed(losses_on_cpu, train
     assert Again.recorded == 0
 
 
+@pytest.mark.parametrize(
+    "fault", ["CUDA error: out of memory", "CUDA error: operation not permitted when stream is capturing\nCompile with"]
+)
 @pytest.mark.usefixtures("records")
-def test_where_memory_does_not_suffice_to_record_a_step_all_are_run(losses_on_cpu, trainer, monkeypatch):
-    """And the failed attempt keeps none of the memory."""
-    monkeypatch.setattr(Again, "full", True)
+def test_where_a_step_cannot_be_recorded_all_are_run(losses_on_cpu, trainer, monkeypatch, fault):
+    """Such as for lack of memory, of which the failed attempt keeps none. The user is told, once."""
+    monkeypatch.setattr(Again, "fault", fault)
     honest = trainer.stepper._learn
     freed = []
 
@@ -185,8 +188,11 @@ def test_where_memory_does_not_suffice_to_record_a_step_all_are_run(losses_on_cp
         return honest(*given)
 
     monkeypatch.setattr(trainer.stepper, "_learn", learn)
-    assert [trainer.step().loss for _ in range(STEPS)] == pytest.approx(losses_on_cpu, abs=1e-5)
+    reports = [trainer.step() for _ in range(STEPS)]
+    assert [report.loss for report in reports] == pytest.approx(losses_on_cpu, abs=1e-5)
     assert not trainer.stepper.records and Again.attempt is not None and all(freed)
+    [told] = [message for report in reports for message in report.messages]
+    assert fault.partition("\n")[0] in told and "Compile" not in told
 
 
 @pytest.mark.usefixtures("records")

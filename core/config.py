@@ -321,6 +321,11 @@ class Settings:
         """Whether masks of passers-by are learned."""
         return self.transients == "on"
 
+    @property
+    def transparent_is_empty(self) -> bool:
+        """Whether transparent pixels are learned and scored as empty space, once that is decided."""
+        return self.transparency == "empty"
+
     def to_json(self) -> dict:
         """The settings by name, which `changed` takes again."""
         return asdict(self)

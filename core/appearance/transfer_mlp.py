@@ -23,6 +23,7 @@ from torch.utils.checkpoint import checkpoint
 from core.appearance.matrix_product import PANEL, TILE_ROWS, room_for
 from core.appearance.positional_encoding import encoded_places
 from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, rounded_up
+from core.system.device import array_of
 from core.system.threads import in_parallel
 
 CHUNK_BYTES = 2 << 30  # half a million rows of the paper's width, more than a million of the default
@@ -136,7 +137,7 @@ def blockwise_sum(
 ) -> Float[Tensor, "n out"]:
     """base + blockwise_mlp(...), the same bits: without a gradient, in one pass."""
     inputs = _inputs_of(encoded_sh, latents, means, octaves, bound)
-    return torch.from_numpy(_evaluated(inputs, hidden_layers, output_layer, _array_of(base), keeps=False).output)
+    return torch.from_numpy(_evaluated(inputs, hidden_layers, output_layer, array_of(base), keeps=False).output)
 
 
 class _Inputs(NamedTuple):
@@ -163,8 +164,8 @@ class _Evaluated(NamedTuple):
 
 
 def _inputs_of(encoded_sh: Tensor, latents: Tensor | None, means: Tensor, octaves: int, bound: float) -> _Inputs:
-    latent_array = NOTHING if latents is None else _array_of(latents)
-    return _Inputs(_array_of(encoded_sh), latent_array, _array_of(means), octaves, np.float32(bound))
+    latent_array = NOTHING if latents is None else array_of(latents)
+    return _Inputs(array_of(encoded_sh), latent_array, array_of(means), octaves, np.float32(bound))
 
 
 def _evaluated(
@@ -215,7 +216,7 @@ class _ThroughHidden(torch.autograd.Function):
             output_layer.output_weight,
             output_layer.skip_weight,
         )
-        given = *inputs, output, _array_of(output_gradient), kept, *map(_with_padding, back), *to_inputs
+        given = *inputs, output, array_of(output_gradient), kept, *map(_with_padding, back), *to_inputs
         gradients = _summed(differentiate_hidden, given, len(output), hidden_layers, ctx.needs_input_grad[3:])
         return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
 
@@ -233,7 +234,7 @@ class _ThroughOutput(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, output_gradient: Tensor):
         (inputs, _, kept, output), output_layer = ctx.evaluated, OutputLayer(*ctx.saved_tensors)
-        given = inputs.encoded_sh, inputs.latents, inputs.bound, output, _array_of(output_gradient), kept
+        given = inputs.encoded_sh, inputs.latents, inputs.bound, output, array_of(output_gradient), kept
         gradients = _summed(differentiate_output, given, len(output), output_layer, ctx.needs_input_grad[2:])
         return None, output_gradient, *gradients
 
@@ -286,7 +287,3 @@ def _with_padding(weight: Tensor) -> np.ndarray:
 
 def _room(shape: tuple[int, ...]) -> np.ndarray:
     return room_for(math.prod(shape)).reshape(shape)
-
-
-def _array_of(tensor: Tensor) -> np.ndarray:
-    return tensor.detach().contiguous().numpy()

@@ -9,11 +9,5 @@ def transparent_may_be_empty(collection: Collection, settings: Settings) -> bool
     """Whether photos are decoded together with where they are empty;
     not if a dome is asked for, which would fill that."""
     if settings.transparency != AUTO:
-        return transparent_is_empty(settings)
+        return settings.transparent_is_empty
     return collection.kind == "blender" and settings.sky != "dome"
-
-
-def transparent_is_empty(settings: Settings) -> bool:
-    """Whether transparent pixels are learned and scored as empty space, once that is decided
-    (core.training.decisions)."""
-    return settings.transparency == "empty"

@@ -16,7 +16,6 @@ from core.appearance.sh_transfer import TransferInput
 from core.appearance.tone import toned
 from core.config import Settings
 from core.data.collection import Collection, Photo
-from core.data.transparency import transparent_is_empty
 from core.errors import BadInput
 from core.looks.run_view import RunView
 from core.looks.smooth_sky import SmoothSky
@@ -129,7 +128,7 @@ class TrainedRun:
     @property
     def transparent_is_empty(self) -> bool:
         """Whether transparent pixels were learned as empty space."""
-        return transparent_is_empty(self.settings)
+        return self.settings.transparent_is_empty
 
     @property
     def background(self) -> Colour:

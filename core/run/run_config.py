@@ -96,8 +96,9 @@ def check_same_run(folder: Path, identity: str) -> None:
     what was made of the first does not belong there."""
     if not folder.is_dir():
         raise BadInput(f"{folder} was moved or removed meanwhile.", "Run the same command again, on where it is now.")
-    if read_mark(folder / CONFIG).get("run", identity) != identity:
-        raise BadInput(f"{folder} holds another run than before.", "Run the same command again.")
+    if (found := read_mark(folder / CONFIG).get("run")) != identity:
+        what = "no run any more" if found is None else "another run than before"
+        raise BadInput(f"{folder} holds {what}.", "Run the same command again.")
 
 
 def changed_files(collection: Collection) -> list[str]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from core.config import Settings
 from core.data.collection import Collection
 from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, MASKS, PICTURES, fault_of_mark, read_mark
-from core.data.transparency import transparent_is_empty
 from core.errors import BadInput
 from core.run import checkpoint, history, viewer_files
 from core.run.decision import Decision
@@ -143,7 +142,7 @@ def create(folder: Path, collection: Collection, settings: Settings, decisions: 
     folder.mkdir(parents=True, exist_ok=True)
     try:
         write_config(folder, collection, settings, decisions)
-        viewer_files.write(folder, collection, transparent_is_empty(settings))
+        viewer_files.write(folder, collection, settings.transparent_is_empty)
     except BaseException:
         _clear(folder)
         raise

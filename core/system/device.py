@@ -5,6 +5,7 @@ from functools import cache
 from importlib.util import find_spec
 from subprocess import SubprocessError
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -107,6 +108,11 @@ def sent_together(tensors: Sequence[Tensor], device: torch.device) -> list[Tenso
     """As `sent`, for several tensors of one type, in a single copy."""
     flat = sent(torch.cat([tensor.flatten() for tensor in tensors]), device)
     return [part.view_as(tensor) for part, tensor in zip(flat.split([tensor.numel() for tensor in tensors]), tensors)]
+
+
+def array_of(tensor: Tensor) -> np.ndarray:
+    """A tensor on the host as the kernels take it: its own memory where that is contiguous, else a copy."""
+    return tensor.detach().contiguous().numpy()
 
 
 def of_run(trained_on: str) -> torch.device:

@@ -9,7 +9,6 @@ import numpy as np
 
 from core.automatic import budget
 from core.config import Settings
-from core.data.transparency import transparent_is_empty
 from core.run.decision import Decision
 from core.run.sized_photo import SizedPhoto
 from core.training.evidence import FEWEST_CLOSEST, FEWEST_VIEWS, Evidence, gather_evidence
@@ -35,9 +34,6 @@ FROM_EMPTY_SPACE = f"{TOO_FEW} what differs, and photos cut out of empty space a
 USUAL_DEGREE = 1  # where nothing can be said; higher degrees need more views of a point than SfM tracks have
 
 
-Judgement = tuple[str | int, float | None, str]  # value, figure and because of a Decision
-
-
 def decide(
     settings: Settings, points: np.ndarray, photos: Sequence[SizedPhoto]
 ) -> tuple[Settings, tuple[Decision, ...]]:
@@ -45,7 +41,7 @@ def decide(
 
     points: SfM points (P, 3), scene frame. photos: the training photos, decoded at training size.
     """
-    empty = transparent_is_empty(settings) or any(sized.empty is not None for sized in photos)
+    empty = settings.transparent_is_empty or any(sized.empty is not None for sized in photos)
     pixels = sum(sized.camera.width * sized.camera.height for sized in photos)
     settings = settings.decided(
         **budget(len(photos), pixels), sky="none" if empty else "dome", transparency="empty" if empty else "unseen"
@@ -54,7 +50,7 @@ def decide(
     if not asked:
         return settings.decided(), ()
     evidence = gather_evidence(points, photos)
-    taken = {name: Decision(name, *judge(evidence)) for name, judge in JUDGES.items()}
+    taken = {name: judge(evidence) for name, judge in JUDGES.items()}
     if empty:
         # Renders of one thing in one light: there, looks and masks that are kept unjudged cost 1.8 dB (biker, 200 px,
         # 600 steps).
@@ -64,45 +60,47 @@ def decide(
     return decided, tuple(taken[name] for name in asked)
 
 
-def judge_appearance(evidence: Evidence) -> Judgement:
+def judge_appearance(evidence: Evidence) -> Decision:
     """off, exposure or full."""
-    if evidence.colour_spread is None or evidence.spread_beyond_exposure is None:
-        return "full", None, f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out"
-    steps = f"a point's colour differs by {evidence.colour_spread:.1f} of 255 between photos"
-    if evidence.colour_spread < LEAST_COLOUR_SPREAD:
-        return "off", evidence.colour_spread, f"{steps}, less than {LEAST_COLOUR_SPREAD:g}"
-    rest = f"{steps}; a gain and offset per photo leave {evidence.spread_beyond_exposure:.1f}"
-    if evidence.spread_beyond_exposure < LEAST_SPREAD_BEYOND_EXPOSURE:
-        return "exposure", evidence.spread_beyond_exposure, f"{rest}, less than {LEAST_SPREAD_BEYOND_EXPOSURE:g}"
-    return "full", evidence.spread_beyond_exposure, rest
+    spread, left = evidence.colour_spread, evidence.spread_beyond_exposure
+    if spread is None or left is None:
+        why = f"{TOO_FEW} whether their light differs; `--appearance off` leaves looks out"
+        return Decision("appearance", "full", None, why)
+    differ = f"a point's colour differs by {spread:.1f} of 255 between photos"
+    if spread < LEAST_COLOUR_SPREAD:
+        return Decision("appearance", "off", spread, f"{differ}, less than {LEAST_COLOUR_SPREAD:g}")
+    rest = f"{differ}; a gain and offset per photo leave {left:.1f}"
+    if left < LEAST_SPREAD_BEYOND_EXPOSURE:
+        return Decision("appearance", "exposure", left, f"{rest}, less than {LEAST_SPREAD_BEYOND_EXPOSURE:g}")
+    return Decision("appearance", "full", left, rest)
 
 
-def judge_transients(evidence: Evidence) -> Judgement:
+def judge_transients(evidence: Evidence) -> Decision:
     """off or on."""
     if evidence.strange_share is None:
         too_few_places = f"fewer than {FEWEST_CLOSEST} places are shown by photos from nearby, too few to tell"
         why = f"{TOO_FEW if evidence.colour_spread is None else too_few_places} whether there are passers-by"
         if evidence.photos < FEWEST_FOR_MASKS:
             few = f"{counted(evidence.photos, 'photo')} hardly teach what these look like"
-            return "off", None, f"{why}, and {few}; `--transients on` makes masks"
-        return "on", None, f"{why}; `--transients off` leaves masks out"
+            return Decision("transients", "off", None, f"{why}, and {few}; `--transients on` makes masks")
+        return Decision("transients", "on", None, f"{why}; `--transients off` leaves masks out")
     share = f"{evidence.strange_share:.1%} of the places look unlike what photos from nearby show there"
     if evidence.strange_share < LEAST_STRANGE_SHARE:
-        return "off", evidence.strange_share, f"{share}, less than {LEAST_STRANGE_SHARE:.1%}"
-    return "on", evidence.strange_share, share
+        return Decision("transients", "off", evidence.strange_share, f"{share}, less than {LEAST_STRANGE_SHARE:.1%}")
+    return Decision("transients", "on", evidence.strange_share, share)
 
 
-def judge_sh_degree(evidence: Evidence) -> Judgement:
+def judge_sh_degree(evidence: Evidence) -> Decision:
     """0 or 1."""
     if evidence.view_dependence is None:
         why = (
             f"too few points are seen by {FEWEST_VIEWS} photos to tell whether colours depend on the viewing direction"
         )
-        return USUAL_DEGREE, None, why
+        return Decision("sh_degree", USUAL_DEGREE, None, why)
     share = f"the viewing direction explains {evidence.view_dependence:.0%} of what colours differ by within a look"
     if evidence.view_dependence < LEAST_VIEW_DEPENDENCE:
-        return 0, evidence.view_dependence, f"{share}, less than {LEAST_VIEW_DEPENDENCE:.0%}"
-    return 1, evidence.view_dependence, share
+        return Decision("sh_degree", 0, evidence.view_dependence, f"{share}, less than {LEAST_VIEW_DEPENDENCE:.0%}")
+    return Decision("sh_degree", 1, evidence.view_dependence, share)
 
 
 JUDGES = {"appearance": judge_appearance, "transients": judge_transients, "sh_degree": judge_sh_degree}

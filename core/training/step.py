@@ -15,7 +15,6 @@ from torch import Tensor
 from core.appearance.model import AppearanceModel, Reading
 from core.appearance.sh_transfer import TransferInput
 from core.config import Settings
-from core.data.transparency import transparent_is_empty
 from core.rasterizer import Rasterizer, Visible
 from core.rasterizer.view import WIDTH, view_of
 from core.run.background import background_of_step
@@ -121,7 +120,7 @@ class Stepper:
         gain, view, rates = draw_gain(settings, generator), view_of(camera), learning_rates(settings, progress)
         network_rates: list[float] | list[Tensor] = network_updates.rates_at(self.optimizer, progress)
         gauge_rows = self.objective.draw_gauge_rows(gaussians, generator)
-        background = background_of_step(transparent_is_empty(settings), generator)
+        background = background_of_step(settings.transparent_is_empty, generator)
 
         encoder_input = self.photos[index].encoder_input
         if (device := encoder_input.device).type != "cpu":  # copied there without waiting, in few copies

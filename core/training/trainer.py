@@ -14,7 +14,7 @@ import core.rasterizer
 from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.data.collection import Collection
-from core.data.transparency import transparent_is_empty, transparent_may_be_empty
+from core.data.transparency import transparent_may_be_empty
 from core.errors import BadInput, TrainingStopped
 from core.report import QUIET, Report, Told
 from core.run import checkpoint, history, run_folders
@@ -98,7 +98,7 @@ class Trainer:
             what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
-        self.settings, self.transparent_is_empty = settings, transparent_is_empty(settings)
+        self.settings, self.transparent_is_empty = settings, settings.transparent_is_empty
         self.photos.share_canvas = self.on_cuda_kernels and not self.transparent_is_empty
         self.held_out = SizedPhotos(
             collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty

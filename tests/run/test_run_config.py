@@ -219,6 +219,9 @@ def test_another_run_in_the_same_folder_is_noticed(tmp_path, collection):
     run_config.check_same_run(tmp_path, run_config.read_config(tmp_path)[0])
     with pytest.raises(BadInput, match="holds another run than before"):
         run_config.check_same_run(tmp_path, "other")
+    (tmp_path / "config.json").unlink()
+    with pytest.raises(BadInput, match="holds no run any more"):
+        run_config.check_same_run(tmp_path, "other")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {"stepz": 1}}'])

@@ -131,30 +131,24 @@ def test_figures_on_either_side_of_a_bound_decide():
         (evidence(strange_share=None), "fewer than 300 places"),
         (Evidence(20), "too few points are known to be shared by photos to tell"),
     ):
-        value, _, because = decisions.judge_transients(seen)
-        assert (
-            value == "on"
-            and why in because
-            and "whether there are passers-by; `--transients off` leaves masks out" in because
-        )
-        value, _, because = decisions.judge_transients(replace(seen, photos=19))
-        assert (
-            value == "off"
-            and why in because
-            and "19 photos hardly teach what these look like; `--transients on`" in because
-        )
-    _, _, because = decisions.judge_appearance(Evidence(3))
+        decision = decisions.judge_transients(seen)
+        assert decision.value == "on" and why in decision.because
+        assert "whether there are passers-by; `--transients off` leaves masks out" in decision.because
+        decision = decisions.judge_transients(replace(seen, photos=19))
+        assert decision.value == "off" and why in decision.because
+        assert "19 photos hardly teach what these look like; `--transients on`" in decision.because
+    because = decisions.judge_appearance(Evidence(3)).because
     assert "to tell whether their light differs; `--appearance off` leaves looks out" in because
-    assert decisions.judge_appearance(evidence(colour_spread=decisions.LEAST_COLOUR_SPREAD - 0.01))[0] == "off"
+    assert decisions.judge_appearance(evidence(colour_spread=decisions.LEAST_COLOUR_SPREAD - 0.01)).value == "off"
     assert (
-        decisions.judge_appearance(evidence(spread_beyond_exposure=decisions.LEAST_SPREAD_BEYOND_EXPOSURE - 0.01))[0]
+        decisions.judge_appearance(evidence(spread_beyond_exposure=decisions.LEAST_SPREAD_BEYOND_EXPOSURE - 0.01)).value
         == "exposure"
     )
-    assert decisions.judge_appearance(evidence())[0] == "full"
-    assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE - 0.001))[0] == "off"
-    assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE))[0] == "on"
-    assert decisions.judge_sh_degree(evidence(view_dependence=decisions.LEAST_VIEW_DEPENDENCE - 0.01))[0] == 0
-    assert decisions.judge_sh_degree(evidence())[0] == 1
+    assert decisions.judge_appearance(evidence()).value == "full"
+    assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE - 0.001)).value == "off"
+    assert decisions.judge_transients(evidence(strange_share=decisions.LEAST_STRANGE_SHARE)).value == "on"
+    assert decisions.judge_sh_degree(evidence(view_dependence=decisions.LEAST_VIEW_DEPENDENCE - 0.01)).value == 0
+    assert decisions.judge_sh_degree(evidence()).value == 1
 
 
 # --- who may overrule it

@@ -21,6 +21,7 @@ from core.rasterizer.cpu.view import View
 from core.rasterizer.shares import Shares, shares_of_slots
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from core.system.device import array_of
 from core.system.threads import in_parallel, threads
 
 # A Gaussian in a tile costs 12 bytes in the forward pass (entry, drawn chunks) and 36 in the backward one (slot).
@@ -222,8 +223,3 @@ def arrays_of(splats: Splats) -> list[np.ndarray]:
     """The parameters as the kernels take them, in the order of Splats' fields."""
     inputs.check(splats, None, "cpu", "cpu")
     return [array_of(tensor) for tensor in splats.tensors().values()]
-
-
-def array_of(tensor: Tensor) -> np.ndarray:
-    """The tensor's own memory where it is contiguous, else a copy."""
-    return tensor.detach().contiguous().numpy()

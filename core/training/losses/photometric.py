@@ -32,9 +32,7 @@ RADIUS = WINDOW // 2
 @cache
 def window(dtype: torch.dtype = torch.float64, device: torch.device = CPU) -> Float[Tensor, " 11"]:
     """The Gaussian window along one axis; sums to 1."""
-    offsets = torch.arange(WINDOW, dtype=torch.float64) - RADIUS
-    weights = torch.exp(-(offsets**2) / (2 * SIGMA**2))
-    return (weights / weights.sum()).to(device, dtype)
+    return torch.from_numpy(cv2.getGaussianKernel(WINDOW, SIGMA)[:, 0]).to(device, dtype)
 
 
 def blur(planes: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:

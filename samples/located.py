@@ -57,7 +57,7 @@ def main(run_folder: Path | None) -> None:
             continue
         off = off_px(found.camera, collection.photo(photo.name), collection)
         decibels = scores(trained, photo, found.camera)
-        agree = f"{found.agreeing} of {found.matched} places agree"
+        agree = f"{found.inliers} of {found.matches} places agree"
         click.echo(f"{photo.name}: {agree}, {off_in_words(off, seconds)}; {FIGURES.format(*decibels)}")
         rows.append((off, seconds, *decibels))
     click.echo(f"{len(rows)} of {len(held_out)} found")

@@ -2,7 +2,7 @@
 
 Where light and season differ, features of other photos often do not match; but a picture of the scene in the photo's
 look resembles the photo. It is compared with what the training cameras see; the most similar of these pictures tell a
-camera, which sees a picture more similar yet, and so on, until no more places agree.
+camera, which sees a picture more similar yet, and so on, until no more of the matches agree.
 """
 
 from collections.abc import Sequence
@@ -37,49 +37,52 @@ COARSE_PX, FINE_PX = (160, 107), 320
 # Of these cameras, at each size: by how coherent their matches are. Of plaza and the Statue's held-out photos, the best
 # start was among the first five.
 LIKELY = 12
-TRIES = 4  # of these, from which a way is tried: by how many places agree
+TRIES = 4  # of these, from which a way is tried: by its inliers
 ROUNDS = 10  # on such a way, at most,
-GAIN = 1.02  # and as long as each brings this many times as many places that agree
+GAIN = 1.02  # and as long as each brings this many times as many inliers
 REACH, LEAST_ALIKE = 4, 0.5  # of a place in the next picture: points of the grid; the cosine of its features
 PLACE = 0.7  # a pixel of which the place makes up less is sky
-# Held-out photos of plaza and of the Statue of Liberty end with 409 to 1,788 places that agree, 54 to 100% of all
-# matches; photos of other places, on plaza, with 80 at most, 48% at most. Two of plaza ended far off: one too blurred
-# to show anything with 120 of 237, one without its lower half with 134 of 226. Times their share, these are 61 and 79;
-# of one shrunk to 60 px, 100 of 107 are 93.
-LEAST_AGREEING, LEAST_SHARE = 90, 0.5  # the first times the share
+# Held-out photos of plaza and of the Statue of Liberty end with 409 to 1,788 inliers, 54 to 100% of all matches; photos
+# of other places, on plaza, with 80 at most, 48% at most. Two of plaza ended far off: one too blurred to show anything
+# with 120 of 237, one without its lower half with 134 of 226. Times their share, these are 61 and 79; of one shrunk to
+# 60 px, 100 of 107 are 93.
+LEAST_INLIERS, LEAST_SHARE = 90, 0.5  # the first times the share
 SURE = 0.75  # with this share, no other way is tried; ways that end beside the camera had 0.53 and 0.57
 
 
 class Located(NamedTuple):
     """camera: a pinhole in the scene frame, at the size of the photo as displayed.
-    agreeing: places on which it agrees with the photo, of those `matched`."""
+    inliers: how many of the matches agree with it. matches: how many there were."""
 
     camera: Camera
-    agreeing: int
-    matched: int
+    inliers: int
+    matches: int
 
 
-class Shown(NamedTuple):
+class Query(NamedTuple):
     """The photo at one size. lens: a pinhole of that size, with the focal length that is known of the photo, if any."""
 
     lens: pycolmap.Camera
     features: GridFeatures
 
 
-class Seen(NamedTuple):
-    """A picture of the scene. points: what the points of its grid show, scene frame, row by row.
-    is_place: whether that is the place, and not the sky."""
+class Rendered(NamedTuple):
+    """A rendered picture of the scene, which the photo is compared with.
+
+    points: what the points of its grid show, scene frame, row by row. is_place: whether that is the place, and not the
+    sky.
+    """
 
     features: GridFeatures
     points: Float[np.ndarray, "n 3"]
     is_place: Bool[np.ndarray, " n"]
 
 
-class Compared(NamedTuple):
+class Candidate(NamedTuple):
     """The photo at one size beside what a training camera sees, and which of their points match."""
 
-    shown: Shown
-    seen: Seen
+    query: Query
+    reference: Rendered
     pairs: Pairs
 
 
@@ -95,14 +98,16 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
     baked = bake(trained, look)
     cameras = [trained.camera(each) for each in spread_over(trained.collection.split("train"), VIEWS)]
     with threads_for_blocks():
-        coarse, fine = [_shown(photo, lens, px) for px in COARSE_PX], _shown(photo, lens, FINE_PX)
-        compared = _compared(trained, baked, cameras, coarse, report)
-        likely = sorted(compared, key=lambda each: -coherence(each.pairs, each.shown.features, each.seen.features))
-        starts = list(filter(None, mapped_in_parallel(lambda each: _located(*each), likely[:LIKELY])))
+        coarse, fine = [_query_at(photo, lens, px) for px in COARSE_PX], _query_at(photo, lens, FINE_PX)
+        candidates = _compare_all(trained, baked, cameras, coarse, report)
+        likely = sorted(
+            candidates, key=lambda each: -coherence(each.pairs, each.query.features, each.reference.features)
+        )
+        starts = list(filter(None, mapped_in_parallel(lambda each: _solve_pose(*each), likely[:LIKELY])))
         best = None
-        for start in sorted(starts, key=lambda each: -each.agreeing)[:TRIES]:
-            end = _followed(trained, baked, fine, start.camera.resized(fine.lens.width, fine.lens.height))
-            if end and (best is None or end.agreeing > best.agreeing):
+        for start in sorted(starts, key=lambda each: -each.inliers)[:TRIES]:
+            end = _iterate(trained, baked, fine, start.camera.resized(fine.lens.width, fine.lens.height))
+            if end and (best is None or end.inliers > best.inliers):
                 best = end
             if best and _is_there(best, SURE):
                 break
@@ -111,17 +116,17 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
     return best._replace(camera=best.camera.resized(*size))
 
 
-def _compared(
-    trained: TrainedRun, baked: Splats, cameras: Sequence[Camera], sizes: Sequence[Shown], report: Report
-) -> list[Compared]:
-    """The photo in each of these sizes beside what each camera sees."""
+def _compare_all(
+    trained: TrainedRun, baked: Splats, cameras: Sequence[Camera], queries: Sequence[Query], report: Report
+) -> list[Candidate]:
+    """The photo at each of these sizes beside what each camera sees."""
 
-    def compare(camera: Camera) -> list[Compared]:
-        seen = _seen(trained, baked, camera.within(COARSE_PX[0]))
-        return [Compared(shown, seen, matches(shown.features, seen.features)) for shown in sizes]
+    def compare(camera: Camera) -> list[Candidate]:
+        reference = _render_reference(trained, baked, camera.within(COARSE_PX[0]))
+        return [Candidate(query, reference, matches(query.features, reference.features)) for query in queries]
 
     most = 1 if trained.device.type == "cuda" else None  # one thread at a time gives a GPU its work
-    found: list[Compared] = []
+    found: list[Candidate] = []
     for first in range(0, len(cameras), AT_ONCE):
         some = cameras[first : first + AT_ONCE]
         found += chain.from_iterable(mapped_in_parallel(compare, some, most))
@@ -136,34 +141,35 @@ def _anywhere(width: int, height: int) -> Camera:
 
 def _is_there(end: Located, least_share: float) -> bool:
     """Whether enough agrees where a way ends: at least this share of the matches, and the more, the smaller it is."""
-    share = end.agreeing / end.matched
-    return share >= least_share and share * end.agreeing >= LEAST_AGREEING
+    share = end.inliers / end.matches
+    return share >= least_share and share * end.inliers >= LEAST_INLIERS
 
 
-def _followed(trained: TrainedRun, baked: Splats, shown: Shown, camera: Camera) -> Located | None:
-    """Where the way from this camera ends."""
+def _iterate(trained: TrainedRun, baked: Splats, query: Query, camera: Camera) -> Located | None:
+    """Where the way from this camera ends: render, match and solve for the pose, while that adds enough inliers."""
     best = None
     for _ in range(ROUNDS):
-        agreed, seen = best.agreeing if best else 0, _seen(trained, baked, camera)
-        found = _located(shown, seen, matches_nearby(shown.features, seen.features, REACH, LEAST_ALIKE))
-        if found is None or found.agreeing <= agreed:
+        inliers, reference = best.inliers if best else 0, _render_reference(trained, baked, camera)
+        pairs = matches_nearby(query.features, reference.features, REACH, LEAST_ALIKE)
+        found = _solve_pose(query, reference, pairs)
+        if found is None or found.inliers <= inliers:
             break
         best, camera = found, found.camera
-        if found.agreeing < GAIN * agreed:
+        if found.inliers < GAIN * inliers:
             break
     return best
 
 
-def _shown(photo: Photo, lens: pycolmap.Camera, long_side_px: int) -> Shown:
+def _query_at(photo: Photo, lens: pycolmap.Camera, long_side_px: int) -> Query:
     """The photo at a size of which this is the longer side, or at that of the lens, its own, if it is smaller."""
     small = photo.camera.within(long_side_px)
     loaded, lens = load_photo(photo, small.width, small.height), copy(lens)
     lens.rescale(small.width, small.height)
     features = GridFeatures.of(torch.from_numpy(loaded.pixels).float() / 255)
-    return Shown(lens, features if loaded.valid is None else features.only(loaded.valid))
+    return Query(lens, features if loaded.valid is None else features.only(loaded.valid))
 
 
-def _seen(trained: TrainedRun, baked: Splats, camera: Camera) -> Seen:
+def _render_reference(trained: TrainedRun, baked: Splats, camera: Camera) -> Rendered:
     """What the camera sees of the run in a look."""
     visible = trained.rasterizer.visible(baked, camera)
     splats = baked[visible.rows]
@@ -181,11 +187,11 @@ def _seen(trained: TrainedRun, baked: Splats, camera: Camera) -> Seen:
     depth = depth / np.maximum(share, PLACE)
     slopes = (features.pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     local = np.column_stack([slopes, np.ones(len(slopes))]) * depth[:, None]
-    return Seen(features, local @ camera.world_to_camera + camera.centre, share > PLACE)
+    return Rendered(features, local @ camera.world_to_camera + camera.centre, share > PLACE)
 
 
-def _located(shown: Shown, seen: Seen, pairs: Pairs) -> Located | None:
-    """The camera on which the matches agree, at the size of the photo as shown."""
-    own, there, aside = (each[seen.is_place[pairs.second]] for each in pairs)
-    pose = pose_of(shown.features.pixels[own] + aside, seen.points[there], shown.lens, GRID_PX)
-    return None if pose is None else Located(pose.camera, int(pose.agree.sum()), len(own))
+def _solve_pose(query: Query, reference: Rendered, pairs: Pairs) -> Located | None:
+    """The camera on which the matches of the place agree, at the size of the query."""
+    own, there, offset = (each[reference.is_place[pairs.second]] for each in pairs)
+    pose = pose_of(query.features.pixels[own] + offset, reference.points[there], query.lens, GRID_PX)
+    return None if pose is None else Located(pose.camera, int(pose.inliers.sum()), len(own))

@@ -78,11 +78,11 @@ class GridFeatures:
 
 class Pairs(NamedTuple):
     """Which point of one grid matches which of another: indices, row by row.
-    aside: where beside its own point the first grid shows what the second shows at the other, px (x, y)."""
+    offset: where beside its own point the first grid shows what the second shows at the other, px (x, y)."""
 
     first: Int[np.ndarray, " m"]
     second: Int[np.ndarray, " m"]
-    aside: Float[np.ndarray, "m 2"]
+    offset: Float[np.ndarray, "m 2"]
 
 
 def matches(first: GridFeatures, second: GridFeatures) -> Pairs:
@@ -125,8 +125,8 @@ def matches_nearby(first: GridFeatures, second: GridFeatures, reach: int, least:
     there = torch.where(inside, there[:, 0] * width + there[:, 1], 0)
     returned = back.flatten(1).argmax(dim=0)[there] == side**2 - 1 - chosen
     own = (inside & returned & (best > least)).nonzero()[:, 0]
-    aside = _peaks(similar.view(side, side, -1)[..., own], chosen[own]) * -GRID_PX
-    return Pairs(own.numpy(), there[own].numpy(), aside.numpy())
+    offset = _peaks(similar.view(side, side, -1)[..., own], chosen[own]) * -GRID_PX
+    return Pairs(own.numpy(), there[own].numpy(), offset.numpy())
 
 
 def _peaks(similar: Float[Tensor, "s s m"], chosen: Int[Tensor, " m"]) -> Float[Tensor, "m 2"]:

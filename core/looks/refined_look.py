@@ -50,7 +50,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
         return not_refined(look, too_fine if mask is not None else problem.what)
     pixels, valid = as_tensors(loaded.pixels, loaded.valid, trained.device)
     better = refined(trained, look, camera, pixels, valid, report)
-    how = f"refined from where it was taken ({found.agreeing} of {found.matched} places agree)"
+    how = f"refined from where it was taken ({found.inliers} of {found.matches} places agree)"
     return replace(better, source=f"{look.source}, {how}")
 
 

@@ -41,7 +41,7 @@ def test_what_is_flat_or_not_used_matches_nothing(texture):
 def test_what_is_moved_is_found_there_to_within_a_part_of_a_grid_step(texture, right, down):
     first, second = (GridFeatures.of(window(texture, *by)) for by in ((0, 0), (right, down)))
     pairs = matches_nearby(first, second, 3, 0.5)
-    moved = first.pixels[pairs.first] + pairs.aside - second.pixels[pairs.second]
+    moved = first.pixels[pairs.first] + pairs.offset - second.pixels[pairs.second]
     assert len(moved) > 0.5 * 30 * 50
     np.testing.assert_allclose(np.median(moved, axis=0), (right, down), atol=0.5)
     if right % GRID_PX == down % GRID_PX == 0:

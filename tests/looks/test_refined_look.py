@@ -243,13 +243,13 @@ def test_a_photo_is_located_without_the_scene_and_its_points(trained, tmp_path, 
 
 
 @pytest.mark.parametrize(
-    ("agreeing", "matched", "is_found"), [(120, 237, False), (100, 107, True), (400, 740, True), (60, 60, False)]
+    ("inliers", "matches", "is_found"), [(120, 237, False), (100, 107, True), (400, 740, True), (60, 60, False)]
 )
-def test_the_smaller_the_share_that_agrees_the_more_must_agree(trained, monkeypatch, agreeing, matched, is_found):
+def test_the_smaller_the_share_that_agrees_the_more_must_agree(trained, monkeypatch, inliers, matches, is_found):
     """120 of 237 agree by chance where a photo is too blurred to show anything; 100 of 107 where one is tiny."""
     photo = trained.collection.photo("0.png")
-    end = Located(photo.camera, agreeing, matched)
-    monkeypatch.setattr("core.looks.locate._followed", lambda *_: end)
+    end = Located(photo.camera, inliers, matches)
+    monkeypatch.setattr("core.looks.locate._iterate", lambda *_: end)
     found = locate(trained, find_look(trained, "0.png", refine=False), photo.path, None, Report())
     assert (found is not None) == is_found
 

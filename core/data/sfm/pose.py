@@ -29,10 +29,10 @@ def pinhole_of(path: Path, width: int, height: int) -> pycolmap.Camera:
 
 
 class Pose(NamedTuple):
-    """camera: a pinhole of the lens's size. agree: (n,) bool, the matches that agree on it."""
+    """camera: a pinhole of the lens's size. inliers: (n,) bool, the matches that agree on it."""
 
     camera: Camera
-    agree: np.ndarray
+    inliers: np.ndarray
 
 
 def pose_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, off_px: float) -> Pose | None:

@@ -29,7 +29,7 @@ def test_the_camera_is_that_on_which_most_matches_agree(wrong):
     pixels = seen(points)
     pixels[30:] = random.uniform((0, 0), (640, 480), (wrong, 2))
     pose = pose_of(pixels, points, lens(500), OFF_PX)
-    assert pose.agree[:30].all() and pose.agree.sum() <= 32
+    assert pose.inliers[:30].all() and pose.inliers.sum() <= 32
     assert np.abs(pose.camera.centre).max() < 0.01 and np.abs(pose.camera.world_to_camera - np.eye(3)).max() < 0.01
     assert abs(pose.camera.fx / FOCAL_PX - 1) < 0.01 and (pose.camera.width, pose.camera.height) == (640, 480)
     again = pose_of(pixels, points, lens(500), OFF_PX)
@@ -40,7 +40,7 @@ def test_matches_within_the_bound_agree():
     points = points_at(np.random.default_rng(0), 4, 60)
     pixels = seen(points)
     pixels[::6, 0] += 3
-    assert [int(pose_of(pixels, points, lens(), off_px).agree.sum()) for off_px in (1.5, 6.0)] == [50, 60]
+    assert [int(pose_of(pixels, points, lens(), off_px).inliers.sum()) for off_px in (1.5, 6.0)] == [50, 60]
 
 
 def test_lenses_that_do_not_exist_are_not_believed():
@@ -54,7 +54,7 @@ def test_the_focal_length_that_a_cropped_photo_still_gives_is_not_believed():
     given = lens(300)
     given.has_prior_focal_length = True
     pose = pose_of(seen(points), points, given, OFF_PX)
-    assert pose.agree.all() and abs(pose.camera.fx / FOCAL_PX - 1) < 0.01
+    assert pose.inliers.all() and abs(pose.camera.fx / FOCAL_PX - 1) < 0.01
 
 
 def test_nothing_is_seen_from_nowhere():

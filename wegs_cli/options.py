@@ -38,7 +38,7 @@ class OutputPath(click.Path):
 
     def convert(self, value, param, ctx):
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        climbed = [Path(*path.parts[:place]) for place, part in enumerate(path.parts) if part == ".."]
+        climbed = [Path(*path.parts[:index]) for index, part in enumerate(path.parts) if part == ".."]
         return path if all(folder.exists() for folder in climbed) else Path(os.path.realpath(path))
 
 

@@ -102,16 +102,17 @@ def way_to(target: Path, folder: Path) -> str | None:
         return None
 
 
-def followed(place: Path, way: str | None, folder: Path, files: Iterable[str]) -> Path:
-    """The folder `place` or, if it is gone, the one that the relative path `way` leads to from `folder`:
+def followed(recorded: Path, way: str | None, folder: Path, files: Iterable[str]) -> Path:
+    """The folder `recorded` or, if it is gone, the one that the relative path `way` leads to from `folder`:
     both may have been moved together.
 
-    files: what `place` held. A folder with none of them is a different one: a path such as ../.. leads to some folder
-    from anywhere.
+    files: what `recorded` held. A folder with none of them is a different one: a path such as ../.. leads to some
+    folder from anywhere.
     """
+    if not way or recorded.is_dir():
+        return recorded
     together = (folder / str(way)).resolve()
-    may_be = way and together.is_dir() and not place.is_dir()
-    return together if may_be and any(os.path.isfile(together / file) for file in files) else place
+    return together if together.is_dir() and any(os.path.isfile(together / file) for file in files) else recorded
 
 
 def names_wegs(folder: Path) -> bool:

@@ -175,12 +175,12 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
             f"Wait for its first one; if it was stopped, type: {checkpoint.how_to_go_on(folder)}",
         )
     path, saved = found
-    place = device.of_run(settings.device) if on_gpu else device.CPU
+    run_device = device.of_run(settings.device) if on_gpu else device.CPU
     with checkpoint.fitting(path):
-        gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(place)
-        model = AppearanceModel(settings, saved.facts["photos"]).to(place)
+        gaussians = Gaussians.from_tensors(saved.part("gaussians"), saved.facts["sky"]).to(run_device)
+        model = AppearanceModel(settings, saved.facts["photos"]).to(run_device)
         model.load_state_dict(saved.part("model"))
-        encoded = {name: tensor.to(place) for name, tensor in saved.part("encoded").items()}
+        encoded = {name: tensor.to(run_device) for name, tensor in saved.part("encoded").items()}
         if encoded:
             model.meet_as_finished(encoded["masked"], encoded["unmasked"])
         state = RunState.of_facts(saved.facts)

@@ -148,30 +148,30 @@ def _read(folder: Path, suffix: str, points: Path | None) -> pycolmap.Reconstruc
 
     The files are read from a temporary folder: pycolmap demands all three, and reads whatever else lies beside them.
     """
-    with tempfile.TemporaryDirectory(dir=temporary_place()) as place:
-        files = [Path(place, part + suffix) for part in (*NEEDED, POINTS)]
+    with tempfile.TemporaryDirectory(dir=temporary_place()) as temporary:
+        files = [Path(temporary, part + suffix) for part in (*NEEDED, POINTS)]
         for file in files:
             if file.stem == POINTS and points is None:
                 file.write_bytes(EMPTY_POINTS[suffix])
             else:
-                _put_into(place, folder / file.name)
+                _put_into(temporary, folder / file.name)
         with suppress(*REFUSALS):
-            return pycolmap.Reconstruction(place)
+            return pycolmap.Reconstruction(temporary)
         if suffix == ".txt":
             for file in files:
                 _replace(file, _mended(file.read_bytes()))
             with suppress(*REFUSALS):
-                return pycolmap.Reconstruction(place)
+                return pycolmap.Reconstruction(temporary)
         _replace(files[-1], _without_tracks(files[-1]))
-        return pycolmap.Reconstruction(place)
+        return pycolmap.Reconstruction(temporary)
 
 
-def _put_into(place: str, file: Path) -> None:
+def _put_into(folder: str, file: Path) -> None:
     """Put a file of a model into another folder: a link, or a copy where there can be none."""
     try:
-        os.symlink(file.resolve(), Path(place, file.name))
+        os.symlink(file.resolve(), Path(folder, file.name))
     except OSError:  # Windows lets few users do so
-        shutil.copyfile(file, Path(place, file.name))
+        shutil.copyfile(file, Path(folder, file.name))
 
 
 def _replace(link: Path, content: bytes) -> None:

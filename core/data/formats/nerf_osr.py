@@ -18,14 +18,14 @@ from core.data.posed import Fault, Posed, PosedPhoto, from_camera_to_world, in_u
 from core.errors import BadInput
 from core.words import Note, Reasons, name_them
 
-PLACES = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
+FOLDERS = ("final", "final_clean", ".")  # the second is that of its Trevi fountain, the third NeRF++'s
 TRAINING, HELD_OUT = "train", ("test", "validation")  # of the latter, the first that has photos
 LARGEST_SKEW = 1e-3  # of the focal length; a pinhole has none
 
 
 def find_nerf_osr(root: Path) -> Path | None:
     """The folder of the splits in or below `root`, or None."""
-    folders = (root / place for place in PLACES)
+    folders = (root / name for name in FOLDERS)
     return next((folder for folder in folders if (folder / TRAINING / "pose").is_dir()), None)
 
 
@@ -51,26 +51,29 @@ def read_nerf_osr(root: Path) -> Posed:
                 f"with a pose missing in {source / split / 'rgb'}", _without_photo(source / split / "pose", found)
             )
     roles = {TRAINING: "train", held_out: "test"} if held_out else {TRAINING: None}
-    used = [(split, place) for split in roles for place in photos[split]]
-    several = len({place for _, place in used}) < len(used)
+    used = [(split, relative) for split in roles for relative in photos[split]]
+    several = len({relative for _, relative in used}) < len(used)
     posed, faults = [], Reasons()
     masks = {
-        split: {place.with_suffix(""): source / split / "mask" / place for place in _pictures(source / split / "mask")}
+        split: {
+            relative.with_suffix(""): source / split / "mask" / relative
+            for relative in _pictures(source / split / "mask")
+        }
         for split in photos
     }
-    for split, place in used:
-        name = f"{split}/{place.as_posix()}" if several else place.as_posix()
+    for split, relative in used:
+        name = f"{split}/{relative.as_posix()}" if several else relative.as_posix()
         if not in_utf_8(name):
             faults.add("whose name is not in UTF-8, not used", name)
             continue
         try:
-            lens = _lens(_matrix(source / split / "intrinsics", place))
-            rotation, centre = from_camera_to_world(_matrix(source / split / "pose", place), "a pose")
+            lens = _lens(_matrix(source / split / "intrinsics", relative))
+            rotation, centre = from_camera_to_world(_matrix(source / split / "pose", relative), "a pose")
         except Fault as fault:
             faults.add(f"{fault}, not used", name)
             continue
-        mask = masks[split].get(place.with_suffix("")) or masks[split].get(place)
-        posed.append(PosedPhoto(name, source / split / "rgb" / place, lens, rotation, centre, roles[split], mask))
+        mask = masks[split].get(relative.with_suffix("")) or masks[split].get(relative)
+        posed.append(PosedPhoto(name, source / split / "rgb" / relative, lens, rotation, centre, roles[split], mask))
     if masks[TRAINING] and not any(photo.mask for photo in posed if photo.split != "test"):
         notes.append(Note(f"No mask in {source / TRAINING / 'mask'} has the name of a training photo: none is used."))
     return Posed("nerf-osr", source, posed, None, f"missing in {source}", fix, notes + faults.notes())
@@ -78,19 +81,19 @@ def read_nerf_osr(root: Path) -> Posed:
 
 def _pictures(folder: Path) -> list[Path]:
     """The pictures in the folder and its subfolders, as relative paths; none if there is no such folder."""
-    places = sorted(Path(place) for place, _, _ in os.walk(folder))
-    return [path.relative_to(folder) for place in places for path in list_photos(place)]
+    folders = sorted(Path(path) for path, _, _ in os.walk(folder))
+    return [path.relative_to(folder) for each in folders for path in list_photos(each)]
 
 
 def _without_photo(poses: Path, photos: list[Path]) -> list[str]:
     """The stems, with their subfolders, of the text files in the folder `poses` that belong to none of the photos."""
     given = {path.relative_to(poses).with_suffix("") for path in poses.rglob("*.txt") if not path.name.startswith(".")}
-    return sorted(path.as_posix() for path in given - {place.with_suffix("") for place in photos})
+    return sorted(path.as_posix() for path in given - {relative.with_suffix("") for relative in photos})
 
 
-def _matrix(folder: Path, place: Path) -> np.ndarray:
+def _matrix(folder: Path, relative: Path) -> np.ndarray:
     """The (4, 4) matrix in the text file of the photo with this relative path; Fault if it holds none."""
-    path = folder / place.with_suffix(".txt")
+    path = folder / relative.with_suffix(".txt")
     try:
         numbers = np.array(path.read_text(encoding="utf-8-sig").split(), dtype=np.float64)
     except OSError:

@@ -196,17 +196,17 @@ def project(
     or empty.
     """
     columns = (size[0] + layout.TILE - 1) // layout.TILE
-    for place in range(begin, end):
-        i = rows[place]
-        tile_counts[place] = 0
+    for index in range(begin, end):
+        i = rows[index]
+        tile_counts[index] = 0
         offset = subtract(row(means, i), centre)
         depth = dot(row(rotation, 2), offset)
         if not can_be_projected(means, quaternions, log_scales, logit_opacities, i, depth):
             continue
         x, y, a, b, c, determinant = ellipse(i, offset, quaternions, log_scales, rotation, lens, limits)
         if len(probe) > 0:
-            x += probe[place, 0]
-            y += probe[place, 1]
+            x += probe[index, 0]
+            y += probe[index, 1]
         level = level_of(opacity_of(logit_opacities[i]))
         reach_x, reach_y = math.sqrt(level * a), math.sqrt(level * c)
         if not meets_picture(x, y, reach_x, reach_y, size):
@@ -214,17 +214,17 @@ def project(
 
         inverse_c = 1.0 / c
         variance_in_row = determinant * inverse_c
-        footprints[place, layout.X] = x
-        footprints[place, layout.Y] = y
-        footprints[place, layout.SLOPE] = b * inverse_c
-        footprints[place, layout.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
-        footprints[place, layout.FALL] = HALF_LOG2_E * inverse_c
-        footprints[place, layout.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
-        footprints[place, layout.HALF_HEIGHT] = reach_y
-        footprints[place, layout.HALF_WIDTH] = math.sqrt(level * variance_in_row)
-        footprints[place, layout.LEAN] = b * level / reach_x
-        depths[place] = depth
-        tile_counts[place] = add_to_loads(footprints, place, size, columns, tile_loads)
+        footprints[index, layout.X] = x
+        footprints[index, layout.Y] = y
+        footprints[index, layout.SLOPE] = b * inverse_c
+        footprints[index, layout.SHARPNESS] = math.sqrt(HALF_LOG2_E / variance_in_row)
+        footprints[index, layout.FALL] = HALF_LOG2_E * inverse_c
+        footprints[index, layout.STRENGTH] = HALF_LOG2_E * level + LOG2_ALPHA_MIN
+        footprints[index, layout.HALF_HEIGHT] = reach_y
+        footprints[index, layout.HALF_WIDTH] = math.sqrt(level * variance_in_row)
+        footprints[index, layout.LEAN] = b * level / reach_x
+        depths[index] = depth
+        tile_counts[index] = add_to_loads(footprints, index, size, columns, tile_loads)
 
 
 @kernel

@@ -27,7 +27,7 @@ STOP = tl.constexpr(contract.STOP_TRANSMITTANCE)
 @triton.jit
 def pixels_of(tile, lane, columns, width, height):
     """Of the tile's pixels `lane`, of 0 to PIXELS - 1:
-    the centres x, y (px), the place in the picture, and whether they lie inside it."""
+    the centres x, y (px), their offsets in the picture, and whether they lie inside it."""
     column = tile % columns * footprint.TILE + lane % footprint.TILE
     row = tile // columns * footprint.TILE + lane // footprint.TILE
     inside = (column < width) & (row < height)

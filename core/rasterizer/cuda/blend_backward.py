@@ -45,15 +45,15 @@ def blend_backward(
     """
     tile, section = tl.program_id(0), tl.program_id(1)
     pixel = tl.arange(0, PIXELS)
-    x, y, place, inside = pixels_of(tile, pixel, columns, width, height)
+    x, y, offset, inside = pixels_of(tile, pixel, columns, width, height)
     lane = tl.arange(0, LANES)
     column, stores = column_of(lane)
-    v_red = tl.load(image_gradient + 3 * place, mask=inside, other=0.0)
-    v_green = tl.load(image_gradient + 3 * place + 1, mask=inside, other=0.0)
-    v_blue = tl.load(image_gradient + 3 * place + 2, mask=inside, other=0.0)
-    behind = tl.load(image + 3 * place, mask=inside, other=0.0) * v_red
-    behind += tl.load(image + 3 * place + 1, mask=inside, other=0.0) * v_green
-    behind += tl.load(image + 3 * place + 2, mask=inside, other=0.0) * v_blue
+    v_red = tl.load(image_gradient + 3 * offset, mask=inside, other=0.0)
+    v_green = tl.load(image_gradient + 3 * offset + 1, mask=inside, other=0.0)
+    v_blue = tl.load(image_gradient + 3 * offset + 2, mask=inside, other=0.0)
+    behind = tl.load(image + 3 * offset, mask=inside, other=0.0) * v_red
+    behind += tl.load(image + 3 * offset + 1, mask=inside, other=0.0) * v_green
+    behind += tl.load(image + 3 * offset + 2, mask=inside, other=0.0) * v_blue
     entry, end = tl.load(tile_starts + tile), tl.load(part_ends + tile * PARTS)
     for part in tl.static_range(1, PARTS):
         end = tl.maximum(end, tl.load(part_ends + tile * PARTS + part))

@@ -33,7 +33,7 @@ def blend_forward(
     """
     tile, part = tl.program_id(0) // PARTS, tl.program_id(0) % PARTS
     lane = part * (PIXELS // PARTS) + tl.arange(0, PIXELS // PARTS)
-    x, y, place, inside = pixels_of(tile, lane, columns, width, height)
+    x, y, offset, inside = pixels_of(tile, lane, columns, width, height)
     light = tl.where(inside, 1.0, -1.0)
     nothing = tl.zeros_like(x)
     red, green, blue = nothing, nothing, nothing
@@ -70,9 +70,9 @@ def blend_forward(
     entry = tl.minimum(entry, end)
     tl.store(part_ends + tl.program_id(0), entry)
     light = tl.abs(light)
-    tl.store(image + 3 * place, red + light * background_red, mask=inside)
-    tl.store(image + 3 * place + 1, green + light * background_green, mask=inside)
-    tl.store(image + 3 * place + 2, blue + light * background_blue, mask=inside)
+    tl.store(image + 3 * offset, red + light * background_red, mask=inside)
+    tl.store(image + 3 * offset + 1, green + light * background_green, mask=inside)
+    tl.store(image + 3 * offset + 2, blue + light * background_blue, mask=inside)
 
 
 @triton.jit

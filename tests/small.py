@@ -98,7 +98,7 @@ def ring_camera(angle: float, distance: float = 3.0) -> Camera:
     forward = -centre / distance
     right = np.array([np.cos(angle), 0.0, np.sin(angle)])
     rotation = np.stack([right, np.array([0.0, 1.0, 0.0]), forward])
-    return Camera(rotation, centre, 50.0, 50.0, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT)
+    return Camera.centred(rotation, centre, 50.0, WIDTH, HEIGHT)
 
 
 def damage(photo: Photo) -> Photo:

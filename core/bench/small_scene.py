@@ -152,7 +152,7 @@ def camera_at(angle: float, distance: float, height: float) -> Camera:
     right = np.cross(forward, [0.0, 1.0, 0.0])
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
-    return Camera(rotation, centre, FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2, WIDTH, HEIGHT)
+    return Camera.centred(rotation, centre, FOCAL, WIDTH, HEIGHT)
 
 
 def with_passer_by(pixels: np.ndarray, random: np.random.Generator) -> np.ndarray:

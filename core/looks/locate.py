@@ -136,7 +136,7 @@ def _compare_all(
 
 def _anywhere(width: int, height: int) -> Camera:
     """A camera that takes pictures of this size, of which nothing else is known."""
-    return Camera(np.eye(3), np.zeros(3), max(width, height), max(width, height), width / 2, height / 2, width, height)
+    return Camera.centred(np.eye(3), np.zeros(3), max(width, height), width, height)
 
 
 def _is_there(end: Located, least_share: float) -> bool:

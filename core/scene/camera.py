@@ -41,6 +41,11 @@ class Camera:
     width: int
     height: int
 
+    @staticmethod
+    def centred(world_to_camera: np.ndarray, centre: np.ndarray, focal_px: float, width: int, height: int) -> "Camera":
+        """A camera with square pixels and its principal point in the middle."""
+        return Camera(world_to_camera, centre, focal_px, focal_px, width / 2, height / 2, width, height)
+
     def numbers(self) -> list[float]:
         """All its fields as numbers, in a fixed order."""
         lens = [self.fx, self.fy, self.cx, self.cy, self.width, self.height]

@@ -65,8 +65,7 @@ def learn_picture() -> None:
         logit_opacities=torch.zeros(COUNT),
         sh=torch.zeros(COUNT, 1, 3),
     )
-    lens = SIDE_PX, SIDE_PX, SIDE_PX / 2, SIDE_PX / 2
-    camera = Camera(np.eye(3), np.zeros(3), *lens, SIDE_PX, SIDE_PX)
+    camera = Camera.centred(np.eye(3), np.zeros(3), SIDE_PX, SIDE_PX, SIDE_PX)
     rasterizer = core.rasterizer.create("cpu", "cpu")
     visible = rasterizer.visible(splats, camera)
     seen = splats[visible.rows].map(lambda tensor: tensor.requires_grad_())

@@ -56,4 +56,4 @@ def garden(count: int) -> Splats:
 def garden_camera(width: int, height: int) -> Camera:
     """Over the table, 16 degrees down."""
     axes = np.array([(1, 0, 0), (0, -0.28, -0.96), (0, 0.96, -0.28)])
-    return Camera(axes, np.array([0, -1.6, 0.8]), 1.1 * width, 1.1 * width, width / 2, height / 2, width, height)
+    return Camera.centred(axes, np.array([0, -1.6, 0.8]), 1.1 * width, width, height)

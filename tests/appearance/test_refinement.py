@@ -23,7 +23,7 @@ PICTURE = torch.full((4, 6, 3), 0.4)
 
 
 def camera_of(width: int, height: int) -> Camera:
-    return Camera(np.eye(3), np.zeros(3), 500.0, 500.0, width / 2, height / 2, width, height)
+    return Camera.centred(np.eye(3), np.zeros(3), 500.0, width, height)
 
 
 def shown(picture, valid=None) -> Wanted:

@@ -61,6 +61,5 @@ def pose_of(pixels: np.ndarray, points: np.ndarray, lens: pycolmap.Camera, off_p
         return None
     rotation = found["cam_from_world"].rotation.matrix()
     centre = -rotation.T @ found["cam_from_world"].translation
-    length = fitted.mean_focal_length()
-    camera = Camera(rotation, centre, length, length, fitted.width / 2, fitted.height / 2, fitted.width, fitted.height)
+    camera = Camera.centred(rotation, centre, fitted.mean_focal_length(), fitted.width, fitted.height)
     return Pose(camera, found["inlier_mask"])

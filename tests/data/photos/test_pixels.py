@@ -51,7 +51,7 @@ def save(path, pixels):
 
 
 def photo_at(path, width, height, lens=None):
-    camera = Camera(np.eye(3), np.zeros(3), 50.0, 50.0, width / 2, height / 2, width, height)
+    camera = Camera.centred(np.eye(3), np.zeros(3), 50.0, width, height)
     return Photo(path.name, path, camera, "train", np.empty(0, np.int64), lens)
 
 

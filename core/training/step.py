@@ -124,12 +124,21 @@ class Stepper:
 
         encoder_input = self.photos[index].encoder_input
         if (device := encoder_input.device).type != "cpu":  # copied there without waiting, in few copies
-            gains = [] if gain is None else [gain]
-            on_device, *others = sent_together([torch.tensor(network_rates), *rates.values(), *gains], device)
-            network_rates, gain = list(on_device.unbind()), others.pop() if gains else None
-            rates = dict(zip(rates, others, strict=True))
+            numbers = {"network": torch.tensor(network_rates), **rates} | ({} if gain is None else {"gain": gain})
+            numbers = dict(zip(numbers, sent_together([*numbers.values()], device), strict=True))
+            network_rates, gain = list(numbers.pop("network").unbind()), numbers.pop("gain", None)
+            rates = numbers
             view, gauge_rows = sent(view, device), None if gauge_rows is None else sent(gauge_rows, device)
-        inputs = partial(StepInputs, encoder_input, target, gain, view, rates, network_rates, gauge_rows)
+        inputs = partial(
+            StepInputs,
+            encoder_input=encoder_input,
+            target=target,
+            gain=gain,
+            view=view,
+            rates=rates,
+            network_rates=network_rates,
+            gauge_rows=gauge_rows,
+        )
         return PreparedStep(Moment(index, done, progress, camera, background), inputs)
 
     def take(

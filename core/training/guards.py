@@ -7,7 +7,7 @@ thousand times too large stops them from learning for a thousand steps.
 
 import math
 from bisect import bisect_left, insort
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -58,7 +58,7 @@ def sound(total: Float[Tensor, ""], picture_loss: Float[Tensor, ""], largest: Fl
 
 
 class StepFacts(NamedTuple):
-    """The outcome of a step, as numbers that were read back from the device that computed it.
+    """The outcome of a step, as it was read back from the device that computed it.
 
     loss: what the step minimised. residual_size: mean absolute residual of the SH. shown_share: mean of the photo's
     mask, 0 without one. sound: whether the losses are valid. taken: whether the gradients of the Gaussians, the
@@ -70,9 +70,15 @@ class StepFacts(NamedTuple):
     picture_loss: float
     residual_size: float
     shown_share: float
-    sound: float
-    taken: float
-    learned: float
+    sound: bool
+    taken: bool
+    learned: bool
+
+    @staticmethod
+    def of(numbers: Sequence[float]) -> "StepFacts":
+        """From what a step read back: the fields in their order, 1 for True and 0 for False."""
+        loss, picture_loss, residual_size, shown_share, sound, taken, learned = numbers
+        return StepFacts(loss, picture_loss, residual_size, shown_share, bool(sound), bool(taken), bool(learned))
 
 
 def fault(facts: StepFacts, usual: float) -> str | None:

@@ -153,7 +153,7 @@ class Stepper:
 
         usual: the usual picture loss, see `guards`. mask_mean: see `mask_weights`. meanwhile: work of the host while a
         GPU computes the step; called once or more there, and not on a CPU. Returns what was read from the photo, and
-        the facts as numbers.
+        the facts.
         """
         largest_loss, mean = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.photos.device).unbind()
         inputs = prepared.inputs(largest_loss=largest_loss, mask_mean=mean, neutral=self.model.mean_embedding)
@@ -167,7 +167,7 @@ class Stepper:
     ) -> tuple[Reading, StepFacts]:
         """Take the step with these inputs, and read its facts back."""
         reading, facts = self._learn(gaussians, inputs, moment)
-        return reading, StepFacts(*facts.cpu().tolist())
+        return reading, StepFacts.of(facts.cpu().tolist())
 
     def _beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
         """See `threads.beside`."""

@@ -83,7 +83,7 @@ class StepperOnGpu(Stepper):
             meanwhile()
             *numbers, shown, pairs = facts.cpu().tolist()
             if shown <= self.room.gaussians and pairs <= self.room.pairs:
-                return reading, StepFacts(*numbers)
+                return reading, StepFacts.of(numbers)
             self._make_room(gaussians, shown, pairs)
 
     def _situation(self, inputs: StepInputs, moment: Moment) -> tuple:

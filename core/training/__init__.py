@@ -1,6 +1,6 @@
 """Training: a Collection and Settings become Gaussians and an AppearanceModel, in a checkpoint.
 
-the loop         trainer, step, step_cuda, moment, density, schedule, guards, held_out, compiling
+the loop         trainer, step, step_cuda, step_context, density, schedule, guards, held_out, compiling
 what is decided  decisions, evidence, sightings
 photos           sized_photos, jitter
 networks         network_updates, network_adam

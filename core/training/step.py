@@ -28,9 +28,9 @@ from core.training.jitter import draw_gain, jittered
 from core.training.losses.backward import backward
 from core.training.losses.objective import Objective
 from core.training.losses.photometric import Target
-from core.training.moment import Moment
 from core.training.network_adam import NetworkAdam
 from core.training.sized_photos import SizedPhotos
+from core.training.step_context import StepContext
 
 Result = TypeVar("Result")
 
@@ -81,7 +81,7 @@ class PreparedStep:
     is over.
     """
 
-    moment: Moment
+    context: StepContext
     inputs: Callable[..., StepInputs]
 
 
@@ -139,7 +139,7 @@ class Stepper:
             network_rates=network_rates,
             gauge_rows=gauge_rows,
         )
-        return PreparedStep(Moment(index, done, progress, camera, background), inputs)
+        return PreparedStep(StepContext(index, done, progress, camera, background), inputs)
 
     def take(
         self,
@@ -157,27 +157,27 @@ class Stepper:
         """
         largest_loss, mean = sent(torch.tensor([guards.largest_loss(usual), mask_mean]), self.photos.device).unbind()
         inputs = prepared.inputs(largest_loss=largest_loss, mask_mean=mean, neutral=self.model.mean_embedding)
-        return self._compute(gaussians, inputs, prepared.moment, meanwhile)
+        return self._compute(gaussians, inputs, prepared.context, meanwhile)
 
     def forget(self) -> None:
         """Drop what was kept for the present Gaussians, which are about to change in number or to be replaced."""
 
     def _compute(
-        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
+        self, gaussians: Gaussians, inputs: StepInputs, context: StepContext, meanwhile: Callable[[], None]
     ) -> tuple[Reading, StepFacts]:
         """Take the step with these inputs, and read its facts back."""
-        reading, facts = self._learn(gaussians, inputs, moment)
+        reading, facts = self._learn(gaussians, inputs, context)
         return reading, StepFacts.of(facts.cpu().tolist())
 
     def _beside(self, work: Callable[[], Result]) -> Callable[[], Result]:
         """See `threads.beside`."""
         return threads.beside(work)
 
-    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> InView:
+    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, context: StepContext) -> InView:
         """The Gaussians that the step's camera shows."""
-        return InView(self.rasterizer.visible(gaussians.splats, moment.camera))
+        return InView(self.rasterizer.visible(gaussians.splats, context.camera))
 
-    def _learn(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> tuple[Reading, Tensor]:
+    def _learn(self, gaussians: Gaussians, inputs: StepInputs, context: StepContext) -> tuple[Reading, Tensor]:
         """The step itself. Its facts are one tensor, so that they are read back at once:
         those of StepFacts, then `InView.needed`."""
         model, objective = self.model, self.objective
@@ -187,11 +187,11 @@ class Stepper:
         # Beside the search for the visible Gaussians: the encoder reads the photo, and then the gauge is computed.
         def read_photo() -> tuple[Reading, Target]:
             encoder_input, target = jittered(inputs.encoder_input, inputs.target, inputs.gain)
-            return model.read(encoder_input, moment.index), target.over(moment.background)
+            return model.read(encoder_input, context.index), target.over(context.background)
 
         read_later = self._beside(read_photo)
         gauge_loss_later = self._beside(lambda: objective.gauge(gaussians, inputs.gauge_rows, inputs.neutral))
-        visible, shown, complete, needed = self._find_visible(gaussians, inputs, moment)
+        visible, shown, complete, needed = self._find_visible(gaussians, inputs, context)
         leaves = gaussians.leaves(visible.rows)
         reading, target = read_later()
 
@@ -204,12 +204,12 @@ class Stepper:
         residual_loss_later = self._beside(lambda: objective.residual(residual, shown))
         splats = splats_of(leaves).with_sh(sh)
         probe = torch.zeros(len(visible.rows), 2, requires_grad=True, device=visible.rows.device)
-        image = self.rasterizer.render(splats, moment.camera, moment.background, probe, visible.known)
+        image = self.rasterizer.render(splats, context.camera, context.background, probe, visible.known)
 
         # What the step minimises.
-        mask_loss_later = self._beside(lambda: objective.mask(image, target, reading.mask, moment))
-        picture_loss = objective.picture(image, target, reading.mask, moment, inputs.mask_mean)
-        transient_loss = objective.transient(splats, inputs.view, visible.known, reading.mask, moment)
+        mask_loss_later = self._beside(lambda: objective.mask(image, target, reading.mask, context))
+        picture_loss = objective.picture(image, target, reading.mask, context, inputs.mask_mean)
+        transient_loss = objective.transient(splats, inputs.view, visible.known, reading.mask, context)
         rendered_loss = picture_loss + transient_loss
         residual_loss, residual_gradient, residual_size = residual_loss_later()
         mask_loss = mask_loss_later()

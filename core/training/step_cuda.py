@@ -22,8 +22,8 @@ from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
 from core.training.guards import StepFacts
 from core.training.losses.canvas import TargetOnCanvas
-from core.training.moment import Moment
 from core.training.step import InView, Result, StepInputs, Stepper
+from core.training.step_context import StepContext
 
 NO_ROOM = Room(-1, -1)  # none was made for the present Gaussians; a view of nothing has Room(0, 0)
 MORE_GAUSSIANS, MORE_PAIRS = 1.5, 2.0  # times what one photo shows there is room for: others show more
@@ -56,29 +56,29 @@ class StepperOnGpu(Stepper):
             self.recorder.forget()
 
     def _compute(
-        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
+        self, gaussians: Gaussians, inputs: StepInputs, context: StepContext, meanwhile: Callable[[], None]
     ) -> tuple[Reading, StepFacts]:
         if not can_record(inputs.encoder_input.device):
-            return self._compute_with_room(gaussians, inputs, moment, meanwhile)
+            return self._compute_with_room(gaussians, inputs, context, meanwhile)
         self.recorder = self.recorder or Recorder()
         with self.recorder.at_work():
-            return self._compute_with_room(gaussians, inputs, moment, meanwhile)
+            return self._compute_with_room(gaussians, inputs, context, meanwhile)
 
     def _compute_with_room(
-        self, gaussians: Gaussians, inputs: StepInputs, moment: Moment, meanwhile: Callable[[], None]
+        self, gaussians: Gaussians, inputs: StepInputs, context: StepContext, meanwhile: Callable[[], None]
     ) -> tuple[Reading, StepFacts]:
         """Take the step, again with more room where there was too little:
         such a step changes nothing but tells how much it needs."""
-        situation = self._situation(inputs, moment)
+        situation = self._situation(inputs, context)
         if situation != self.situation:
             self.situation = situation
             self._drop_recordings()
         if self.room == NO_ROOM:
-            visible = self.rasterizer.visible(gaussians.splats, moment.camera)
+            visible = self.rasterizer.visible(gaussians.splats, context.camera)
             self._make_room(gaussians, len(visible.rows), visible.known.pairs)
-        has_transient_loss = self.objective.has_transient_loss(moment)
+        has_transient_loss = self.objective.has_transient_loss(context)
         while True:
-            reading, facts = self._replay_or_run(has_transient_loss, gaussians, inputs, moment)
+            reading, facts = self._replay_or_run(has_transient_loss, gaussians, inputs, context)
             self.ran.add(has_transient_loss)
             meanwhile()
             *numbers, shown, pairs = facts.cpu().tolist()
@@ -86,13 +86,13 @@ class StepperOnGpu(Stepper):
                 return reading, StepFacts.of(numbers)
             self._make_room(gaussians, shown, pairs)
 
-    def _situation(self, inputs: StepInputs, moment: Moment) -> tuple:
+    def _situation(self, inputs: StepInputs, context: StepContext) -> tuple:
         """What decides which kernels a step launches, beside the Gaussians and their room."""
         return (
             inputs.encoder_input.shape,
             inputs.target.planes.shape,
             inputs.gain is None,
-            schedule.begun(self.settings, moment.progress),
+            schedule.begun(self.settings, context.progress),
         )
 
     def _make_room(self, gaussians: Gaussians, shown: float, pairs: float) -> None:
@@ -101,7 +101,7 @@ class StepperOnGpu(Stepper):
         self.room = Room(rows, int(max(pairs, min(math.ceil(MORE_PAIRS * pairs), most_pairs))))
         self._drop_recordings()
 
-    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, moment: Moment) -> InView:
+    def _find_visible(self, gaussians: Gaussians, inputs: StepInputs, context: StepContext) -> InView:
         """As many of the Gaussians that the camera shows as there is room for; needed:
         how many Gaussians and pairs it shows in all."""
         _, height, width = inputs.target.planes.shape
@@ -120,15 +120,15 @@ class StepperOnGpu(Stepper):
         return self.records and isinstance(inputs.target, TargetOnCanvas) and not tables
 
     def _replay_or_run(
-        self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment
+        self, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, context: StepContext
     ) -> tuple[Reading, Tensor]:
         """Take the step. A recording keeps the memory that it works in: where too little is left beside, or where none
         can be made, this step and all later ones are run. What is wrong with the step itself, it raises then."""
         recorder = self.recorder if has_transient_loss in self.ran and self._can_be_replayed(inputs) else None
         try:
             if recorder is None:
-                return self._learn(gaussians, inputs, moment)
-            return self._replay(recorder, has_transient_loss, gaussians, inputs, moment)
+                return self._learn(gaussians, inputs, context)
+            return self._replay(recorder, has_transient_loss, gaussians, inputs, context)
         except RuntimeError as problem:  # torch's own for too little memory, or CUDA's
             recording_failed = recorder is not None and has_transient_loss not in self.recordings
             if not recording_failed and (as_out_of_memory(problem) is None or not self.recordings):
@@ -138,14 +138,19 @@ class StepperOnGpu(Stepper):
         # Not above: until its handler ends, the exception keeps all that the failed attempt made.
         self.records = False
         self._drop_recordings()
-        return self._learn(gaussians, inputs, moment)
+        return self._learn(gaussians, inputs, context)
 
     def _replay(
-        self, recorder: Recorder, has_transient_loss: bool, gaussians: Gaussians, inputs: StepInputs, moment: Moment
+        self,
+        recorder: Recorder,
+        has_transient_loss: bool,
+        gaussians: Gaussians,
+        inputs: StepInputs,
+        context: StepContext,
     ) -> tuple[Reading, Tensor]:
         if has_transient_loss not in self.recordings:
             own = deepcopy(inputs)
-            self.recordings[has_transient_loss] = recorder.record(lambda: self._learn(gaussians, own, moment)), own
+            self.recordings[has_transient_loss] = recorder.record(lambda: self._learn(gaussians, own, context)), own
         recording, own = self.recordings[has_transient_loss]
         copies: dict[torch.dtype, list[tuple[Tensor, Tensor]]] = {}
         for pair in zip(own.tensors, inputs.tensors, strict=True):

@@ -179,7 +179,7 @@ class Trainer:
         state = self.state
         usual = self.last_losses.usual
         step, self.ahead = self.ahead or self._prepare(state.done), None
-        prepared, moment = step.prepared, step.prepared.moment
+        prepared, context = step.prepared, step.prepared.context
         try:
             reading, facts = self.stepper.take(self.gaussians, prepared, usual, state.mask_mean, self._prepare_ahead)
         except Exception:  # such as out of memory: the checkpoint that is saved then resumes with this very step
@@ -190,12 +190,12 @@ class Trainer:
         fault = guards.fault(facts, usual)
         if fault is None:
             state.skipped_in_a_row = 0
-            self.last_losses.replace(moment.index, facts.picture_loss)
-            self.model.remember(reading.embedding, moment.index)
-            messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, moment.progress)
+            self.last_losses.replace(context.index, facts.picture_loss)
+            self.model.remember(reading.embedding, context.index)
+            messages = [] if reading.mask is None else self._watch_masks(facts.shown_share, context.progress)
         else:
             outcome = "taught the networks nothing" if facts.taken else "was skipped"
-            messages = [self._skip(moment.index, fault, outcome)]
+            messages = [self._skip(context.index, fault, outcome)]
         messages += self.stepper.messages
         self.stepper.messages.clear()
         return StepReport(

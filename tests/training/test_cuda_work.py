@@ -200,10 +200,10 @@ def test_where_memory_does_not_suffice_beside_a_recording_all_steps_are_run(loss
     """Such as for the first step of another kind."""
     stepper, honest = trainer.stepper, trainer.stepper._learn
 
-    def learn(gaussians, inputs, moment):
-        if stepper.recordings and stepper.objective.has_transient_loss(moment):
+    def learn(gaussians, inputs, context):
+        if stepper.recordings and stepper.objective.has_transient_loss(context):
             raise torch.OutOfMemoryError("CUDA out of memory.")
-        return honest(gaussians, inputs, moment)
+        return honest(gaussians, inputs, context)
 
     monkeypatch.setattr(stepper, "_learn", learn)
     assert [trainer.step().loss for _ in range(STEPS)] == pytest.approx(losses_on_cpu, abs=2e-5)

@@ -21,7 +21,7 @@ from core.training.trainer import Trainer
 from tests.failing import failing
 from tests.heard import Heard, StopsAtStep
 from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
-from tests.training.moments import moment_at
+from tests.training.step_contexts import context_at
 
 HIDDEN = np.s_[20:, 8:28]
 STEPS = 12
@@ -144,7 +144,7 @@ def test_a_hidden_place_teaches_the_predicted_mask_nothing(tmp_path):
     for value, place in ((0.4, HIDDEN), (1.0, HIDDEN), (1.0, np.s_[:10, :10])):
         changed = image.clone()
         changed[place] = value
-        losses.append(float(trainer.objective.mask(changed, target, mask, moment_at(trainer, 0.9)).detach()))
+        losses.append(float(trainer.objective.mask(changed, target, mask, context_at(trainer, 0.9)).detach()))
     assert losses[0] == losses[1] != losses[2]
 
 

@@ -16,7 +16,7 @@ from core.training.losses.backward import backward
 from core.training.losses.gauge import draw_rows, gauge
 from core.training.losses.mask_loss import mask_loss
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
-from core.training.moment import Moment
+from core.training.step_context import StepContext
 
 # Steps: L_regTS is computed in one of so many, because it takes a pass of its own, and weighted by as much.
 TRANSIENT_EVERY = 10
@@ -34,23 +34,23 @@ class Objective:
         image: Float[Tensor, "H W 3"],
         target: Target,
         mask: Float[Tensor, "1 h w"] | None,
-        moment: Moment,
+        context: StepContext,
         mask_mean: Float[Tensor, ""],
     ) -> Float[Tensor, ""]:
         """The picture loss, with the mask once it applies. mask_mean: see `mask_weights.pixel_weights`."""
         settings = self.settings
-        if mask is None or moment.progress < settings.mask_apply:
+        if mask is None or context.progress < settings.mask_apply:
             return photometric(image, target, None, settings.ssim_weight)
         weight = mask_weights.pixel_weights(target.to_pixels(mask), mask_mean)
         loss = photometric_paper if settings.mask_loss == "paper" else photometric
         return loss(image, target, weight, settings.ssim_weight)
 
     def mask(
-        self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, moment: Moment
+        self, image: Float[Tensor, "H W 3"], target: Target, mask: Float[Tensor, "1 h w"] | None, context: StepContext
     ) -> Float[Tensor, ""]:
         """The mask network's loss, L_regM included."""
         settings = self.settings
-        if mask is None or moment.progress < settings.mask_start:
+        if mask is None or context.progress < settings.mask_start:
             return self.zero
         if settings.mask_loss == "paper":
             penalty = settings.mask_regularisation * regularisers.mask_regulariser(mask)
@@ -82,22 +82,27 @@ class Objective:
         backward((loss, None))
         return loss.detach()
 
-    def has_transient_loss(self, moment: Moment) -> bool:
+    def has_transient_loss(self, context: StepContext) -> bool:
         """Whether this step has L_regTS."""
         settings = self.settings
-        return settings.has_masks and moment.progress >= settings.mask_apply and moment.done % TRANSIENT_EVERY == 0
+        return settings.has_masks and context.progress >= settings.mask_apply and context.done % TRANSIENT_EVERY == 0
 
     def transient(
-        self, splats: Splats, view: Float[Tensor, "25"], known: Any, mask: Float[Tensor, "1 h w"] | None, moment: Moment
+        self,
+        splats: Splats,
+        view: Float[Tensor, "25"],
+        known: Any,
+        mask: Float[Tensor, "1 h w"] | None,
+        context: StepContext,
     ) -> Float[Tensor, ""]:
         """L_regTS, if this step has it: the summed opacity of `regularisers.transient_rows`.
 
         splats: the visible Gaussians in the look. view: the step's camera as an array, see core.rasterizer.view. known:
         see `rasterizer.Visible`.
         """
-        if mask is None or not self.has_transient_loss(moment):
+        if mask is None or not self.has_transient_loss(context):
             return self.zero
-        front = self.rasterizer.contributions(splats.detached(), moment.camera, known)
+        front = self.rasterizer.contributions(splats.detached(), context.camera, known)
         rows = regularisers.transient_rows(splats.means, front, mask, view)
         opacity = torch.where(rows, torch.sigmoid(splats.logit_opacities), 0).sum()
         return self.settings.transient_regularisation * TRANSIENT_EVERY * opacity

@@ -8,7 +8,7 @@ from core.training.gaussians import densify
 from core.training.losses import regularisers
 from core.training.losses.objective import TRANSIENT_EVERY
 from core.training.losses.photometric import Target, photometric, photometric_of_mask, photometric_paper
-from tests.training.moments import moment_at
+from tests.training.step_contexts import context_at
 
 
 def recorded(monkeypatch, owner, name: str) -> list[tuple]:
@@ -56,7 +56,7 @@ def test_a_step_tells_the_sum_of_all_losses_and_gathers_gradients_in_halves_of_i
 def test_masks_are_taught_from_mask_start_on(trainer_of):
     trainer = trainer_of(mask_start=0.2, mask_apply=0.6)
     taught = [
-        float(trainer.objective.mask(*shown(trainer), moment_at(trainer, progress)).detach())
+        float(trainer.objective.mask(*shown(trainer), context_at(trainer, progress)).detach())
         for progress in (0.0, 0.19, 0.2, 0.9)
     ]
     assert taught[:2] == [0, 0] and taught[2] == taught[3] > 0
@@ -67,9 +67,9 @@ def test_the_papers_mask_hides_as_in_the_paper_and_is_taught_by_the_pictures_err
     (image, target, _), objective, ssim_weight = shown(trainer), trainer.objective, trainer.settings.ssim_weight
     mask = torch.rand(1, 9, 12, generator=torch.Generator().manual_seed(0))
     expected = photometric_of_mask(image, target, target.to_pixels(mask), ssim_weight) + 0.5 * ((1 - mask) ** 2).mean()
-    torch.testing.assert_close(objective.mask(image, target, mask, moment_at(trainer, 0.0)), expected)
-    moments = (moment_at(trainer, progress) for progress in (0.49, 0.5))
-    whole, hidden = (objective.picture(image, target, mask, moment, torch.tensor(1.0)) for moment in moments)
+    torch.testing.assert_close(objective.mask(image, target, mask, context_at(trainer, 0.0)), expected)
+    contexts = (context_at(trainer, progress) for progress in (0.49, 0.5))
+    whole, hidden = (objective.picture(image, target, mask, context, torch.tensor(1.0)) for context in contexts)
     torch.testing.assert_close(hidden, photometric_paper(image, target, target.to_pixels(mask), ssim_weight))
     torch.testing.assert_close(whole, photometric(image, target, None, ssim_weight))
 
@@ -87,8 +87,8 @@ def test_the_masks_own_loss_teaches_the_mask_network(trainer_of, monkeypatch):
     look = trainer.model.read(*readings[0])
     (embedding,) = (embedding for _, embedding in transfers if embedding.requires_grad)  # the gauge's does not
     (by_embedding,) = torch.autograd.grad(look.embedding, bias, embedding.grad, retain_graph=True)
-    ((image, target, _, moment),) = masks
-    (by_loss,) = torch.autograd.grad(trainer.objective.mask(image, target, look.mask, moment), bias)
+    ((image, target, _, context),) = masks
+    (by_loss,) = torch.autograd.grad(trainer.objective.mask(image, target, look.mask, context), bias)
     assert min(float(by_loss.abs()), float(by_embedding.abs())) > 1e-5
     torch.testing.assert_close(bias.grad, by_embedding + by_loss, rtol=1e-4, atol=0)
 
@@ -128,7 +128,7 @@ def test_passers_by_are_faded_by_the_weight_that_is_set_once_masks_are_applied(t
             found.append(
                 float(
                     trainer.objective.transient(
-                        splats, view, visible.known, mask, moment_at(trainer, progress, done)
+                        splats, view, visible.known, mask, context_at(trainer, progress, done)
                     ).detach()
                 )
             )

@@ -7,7 +7,7 @@ from core.scene.camera import Camera
 
 
 @dataclass(frozen=True)
-class Moment:
+class StepContext:
     """The step on photo `index`, after `done` others.
 
     progress: of the run, in [0, 1). camera: the photo's, at the picture size of the step. background: of photo and

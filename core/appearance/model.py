@@ -40,15 +40,15 @@ class AppearanceModel(nn.Module):
     """All that is learned about looks, built from the settings; parts that are switched off do not exist.
 
     photo_names: the training photos; row i of any table (GLO embeddings, MLP masks, met_embeddings) is that of
-    photo_names[i]. mean_embedding: the running mean over training steps (`remember`), which is the neutral look; zeros
-    before the first step. met_embeddings: each photo's embedding when it was last trained on, or, until then, the first
-    photo's; no rows unless an encoder gives embeddings. finished_embeddings: two rows per photo, see
-    `meet_as_finished`; None before. Not part of the state dict.
+    photo_names[i].
     """
 
+    # The running mean over training steps (`remember`), which is the neutral look; zeros before the first step.
     mean_embedding: Tensor
+    # Each photo's embedding when it was last trained on, or, until then, the first photo's; no rows unless an encoder
+    # gives embeddings.
     met_embeddings: Tensor
-    finished_embeddings: Tensor | None
+    finished_embeddings: Tensor | None  # two rows per photo, see `meet_as_finished`; None before; not in the state dict
     remembered: Tensor
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):

@@ -34,20 +34,16 @@ CHECKS = 12  # times a run that is trained for a figure is measured on the way
 
 @dataclass(frozen=True)
 class Size:
-    """How much is measured. budget: see `stopwatch.timed`.
+    """How much is measured."""
 
-    Of training: share of each preset's steps, most Gaussians, resolution of photos (a width in px, or UNDECIDED),
-    seeds. views: that baking is judged by. photos: that are refined. cameras: of a run that are rendered.
-    """
-
-    share: float
-    gaussians: int
-    budget: float
-    resolution: int
-    seeds: int
-    views: int
-    photos: int
-    cameras: int
+    share: float  # of each preset's steps that are trained
+    gaussians: int  # in training, at most
+    budget: float  # see `stopwatch.timed`
+    resolution: int  # of the photos in training: a width in px, or UNDECIDED
+    seeds: int  # that each preset is trained with
+    views: int  # that baking is judged by
+    photos: int  # that are refined
+    cameras: int  # of a run that are rendered
 
 
 SMALL = Size(share=0.2, gaussians=4000, budget=0.5, resolution=160, seeds=1, views=8, photos=4, cameras=1)

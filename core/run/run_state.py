@@ -5,23 +5,18 @@ from dataclasses import asdict, dataclass
 
 @dataclass
 class RunState:
-    """done: steps. seconds: of training, without the checks of held-out photos. order: the photos left in this round
-    through all of them, by index; the last one is next. mask_mean: running mean of the masks, 1 where nothing is
-    hidden. last_losses: see `guards.LastLosses`. skipped, skipped_in_a_row: invalid steps. collapse_told: whether the
-    user was told that masks hide too much. useless: Gaussians removed because no photo needed them. change_due: whether
-    density control has yet to change the Gaussians after these steps.
-    """
+    """Where a run stands after some steps."""
 
-    done: int
-    seconds: float
-    order: list[int]
-    mask_mean: float
-    last_losses: list[float | None]
-    skipped: int
-    skipped_in_a_row: int
-    collapse_told: bool
-    useless: int = 0
-    change_due: bool = False
+    done: int  # steps
+    seconds: float  # of training, without the checks of held-out photos
+    order: list[int]  # the photos left in this round through all of them, by index; the last one is next
+    mask_mean: float  # running mean of the masks, 1 where nothing is hidden
+    last_losses: list[float | None]  # see `guards.LastLosses`
+    skipped: int  # invalid steps
+    skipped_in_a_row: int  # invalid steps in a row
+    collapse_told: bool  # whether the user was told that masks hide too much
+    useless: int = 0  # Gaussians removed because no photo needed them
+    change_due: bool = False  # whether density control has yet to change the Gaussians after these steps
 
     @staticmethod
     def at_start(photos: int) -> "RunState":

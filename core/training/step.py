@@ -37,25 +37,19 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class StepInputs:
-    """What differs between two steps, on the device that computes them.
+    """What differs between two steps, on the device that computes them."""
 
-    encoder_input: the photo as the encoder takes it. target: the photo as the picture loss takes it. gain: (3,), a
-    random exposure for both, or None. view: the camera, see core.rasterizer.view. rates: learning rates of the
-    Gaussians, see `learning_rates`. network_rates: learning rates of the networks, see `network_updates.rates_at`.
-    gauge_rows: see `Objective.draw_gauge_rows`. The rest follows from the steps before: largest_loss: (), see `guards`.
-    mask_mean: (), see `mask_weights`. neutral: (e,), the mean embedding.
-    """
-
-    encoder_input: Tensor
-    target: Target
-    gain: Tensor | None
-    view: Tensor
-    rates: dict[str, Tensor]
-    network_rates: list[float] | list[Tensor]
-    gauge_rows: Tensor | None
-    largest_loss: Tensor
-    mask_mean: Tensor
-    neutral: Tensor
+    encoder_input: Tensor  # the photo as the encoder takes it
+    target: Target  # the photo as the picture loss takes it
+    gain: Tensor | None  # (3,), a random exposure for both, or None
+    view: Tensor  # the camera, see core.rasterizer.view
+    rates: dict[str, Tensor]  # learning rates of the Gaussians, see `learning_rates`
+    network_rates: list[float] | list[Tensor]  # learning rates of the networks, see `network_updates.rates_at`
+    gauge_rows: Tensor | None  # see `Objective.draw_gauge_rows`
+    # What follows from the steps before.
+    largest_loss: Tensor  # (), see `guards`
+    mask_mean: Tensor  # (), see `mask_weights`
+    neutral: Tensor  # (e,), the mean embedding
 
     @property
     def tensors(self) -> list[Tensor]:

@@ -50,24 +50,18 @@ class NextStep:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What a step tells the user; all but the messages are columns of history.csv.
+    """What a step tells the user; all but the messages are columns of history.csv."""
 
-    step: steps done, this one included. seconds: of training until now, without the checks of held-out photos.
-    gaussians: without the sky. loss: what the step minimised, of which picture_loss is the picture's part. mask_mean:
-    running mean of the masks, 1 where nothing is hidden. residual: mean absolute residual of the harmonics.
-    held_out_psnr (dB), held_out_ssim: None where this step has no check. messages: decisions and warnings worth a line.
-    """
-
-    step: int
-    seconds: float
-    gaussians: int
-    loss: float
-    picture_loss: float
-    mask_mean: float
-    residual: float
-    held_out_psnr: float | None = None
-    held_out_ssim: float | None = None
-    messages: tuple[str, ...] = ()
+    step: int  # steps done, this one included
+    seconds: float  # of training until now, without the checks of held-out photos
+    gaussians: int  # without the sky
+    loss: float  # what the step minimised
+    picture_loss: float  # the picture's part of `loss`
+    mask_mean: float  # running mean of the masks, 1 where nothing is hidden
+    residual: float  # mean absolute residual of the harmonics
+    held_out_psnr: float | None = None  # dB; None where this step has no check
+    held_out_ssim: float | None = None  # None where this step has no check
+    messages: tuple[str, ...] = ()  # decisions and warnings worth a line
 
 
 COLUMNS = tuple(item.name for item in dataclasses.fields(StepReport) if item.name != "messages")  # of history.csv

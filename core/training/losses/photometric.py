@@ -52,17 +52,12 @@ def blur(planes: Float[Tensor, "c h w"]) -> Float[Tensor, "c h w"]:
 
 
 class EmptyShare(NamedTuple):
-    """How much of each pixel of a photo is empty, e in [0, 1], zero where it is invalid.
+    """How much of each pixel of a photo is empty, e in [0, 1], zero where it is invalid."""
 
-    padded: (1, H + 10, W), e between RADIUS rows of zeros on either side.
-    mean, mean_square, mean_product: the windowed means of e and e^2, (1, H, W),
-    and of e times the photo's planes, (3, H, W).
-    """
-
-    padded: Tensor
-    mean: Tensor
-    mean_square: Tensor
-    mean_product: Tensor
+    padded: Tensor  # (1, H + 10, W), e between RADIUS rows of zeros on either side
+    mean: Tensor  # (1, H, W), the windowed mean of e
+    mean_square: Tensor  # (1, H, W), the windowed mean of e^2
+    mean_product: Tensor  # (3, H, W), the windowed mean of e times the photo's planes
 
 
 class Target:
@@ -72,10 +67,12 @@ class Target:
     empty: (H, W) in [0, 1], the share of white in the picture that stands for the background; the target is over black
     until `over` is asked for. Raises BadInput for a photo without a valid pixel.
 
-    planes: (3, H, W), zero where invalid. mean, mean_square: the windowed mean of planes and of planes^2, (3, H, W).
-    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side. empty_share: None where nothing is
-    empty, or once it is over a background. valid_pixels: V, a number or a tensor (). Everything has the dtype and the
-    device of `picture`.
+    What it holds, all with the dtype and the device of `picture`:
+    planes: (3, H, W), zero where invalid.
+    padded: (3, H + 10, W), planes between RADIUS rows of zeros on either side.
+    mean, mean_square: (3, H, W), the windowed mean of planes and of planes^2.
+    empty_share: None where nothing is empty, or once it is over a background.
+    valid_pixels: V, a number or a tensor ().
     """
 
     def __init__(

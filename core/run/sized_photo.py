@@ -65,8 +65,8 @@ class Sizes:
 def _ceiling(numbers: Sequence[int], mean: float) -> float:
     """To what the largest of the numbers have to be lowered for all to have this mean; infinite if theirs is less."""
     left = mean * len(numbers)
-    for place, number in enumerate(sorted(numbers)):
-        if (share := left / (len(numbers) - place)) <= number:
+    for index, number in enumerate(sorted(numbers)):
+        if (share := left / (len(numbers) - index)) <= number:
             return share
         left -= number
     return math.inf

@@ -43,19 +43,19 @@ def update(
                 row = tl.load(rows + at // COLUMNS[array], mask=known, other=-1)
                 known = (row >= 0) & ((row < solid) | (column < FREE[array]))
                 updates = tl.minimum(tl.load(counts + row, mask=known, other=0), UPDATES - 2) + 1
-                place = row * COLUMNS[array] + column
+                offset = row * COLUMNS[array] + column
                 g = tl.load(gradients[array] + at, mask=known, other=0.0)
                 g = tl.minimum(tl.maximum(g, -LARGEST_GRADIENT), LARGEST_GRADIENT)
-                m = tl.load(first[array] + place, mask=known, other=0.0) * BETA_1 + g * (1 - BETA_1)
-                v = tl.load(second[array] + place, mask=known, other=0.0) * BETA_2 + g * g * (1 - BETA_2)
-                tl.store(first[array] + place, m, mask=known)
-                tl.store(second[array] + place, v, mask=known)
+                m = tl.load(first[array] + offset, mask=known, other=0.0) * BETA_1 + g * (1 - BETA_1)
+                v = tl.load(second[array] + offset, mask=known, other=0.0) * BETA_2 + g * g * (1 - BETA_2)
+                tl.store(first[array] + offset, m, mask=known)
+                tl.store(second[array] + offset, v, mask=known)
                 unbias_1 = tl.load(corrections + 2 * updates, mask=known, other=0.0)
                 unbias_2 = tl.load(corrections + 2 * updates + 1, mask=known, other=0.0)
                 rate = tl.load(rates + column, mask=known, other=0.0)
                 step = rate * m * unbias_1 / (tl.sqrt_rn(v * unbias_2) + EPSILON)
                 tl.store(
-                    values[array] + place, tl.load(values[array] + place, mask=known, other=0.0) - step, mask=known
+                    values[array] + offset, tl.load(values[array] + offset, mask=known, other=0.0) - step, mask=known
                 )
                 block += BLOCK
             rates += COLUMNS[array]

@@ -1,5 +1,6 @@
 """Checks of a run: its Gaussians in the neutral look, its looks, its masks, and how its training went."""
 
+import math
 from dataclasses import fields
 from pathlib import Path
 
@@ -145,7 +146,7 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
     if added.looks:
         findings += added.findings()
     if masks:
-        findings.append(_masks(masks, trained.state.collapse_told))
+        findings.append(_masks(masks, trained))
     return findings
 
 
@@ -196,10 +197,13 @@ def _if_all_look_alike(settings: Settings) -> str:
     return "Train with --set appearance=off: plain Gaussians do as well."
 
 
-def _masks(masks: dict[str, float], collapse_told: bool) -> Finding:
+def _masks(masks: dict[str, float], trained: TrainedRun) -> Finding:
+    collapsed, hide_from = trained.state.collapse_told, trained.settings.mask_apply * trained.settings.steps
+    if trained.step < hide_from and not collapsed:
+        return Finding("masks", "none yet", f"they hide nothing before step {math.ceil(hide_from):,}")
     name, least = min(masks.items(), key=lambda item: item[1])
     mean = sum(masks.values()) / len(masks)
-    collapsed = collapse_told or mean < LEAST_STATIC
+    collapsed = collapsed or mean < LEAST_STATIC
     advice = "Raise mask_regularisation if they hide the place itself; a finished run shows them in masks/."
     figure = f"{mean:.2f} (mean), {least:.2f} (least: {name})"
     meaning = (

@@ -3,6 +3,7 @@
 import shutil
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -84,8 +85,13 @@ def test_looks_are_summed_up_by_how_much_they_add_and_differ():
 
 @pytest.mark.parametrize(("other", "collapsed"), [(0.9, False), (0.5, True)])
 def test_the_photo_whose_mask_hides_most_is_named(other, collapsed):
-    found = module._masks({"b.jpg": other, "c.jpg": 0.3, "a.jpg": other}, False)
+    masks = {"b.jpg": other, "c.jpg": 0.3, "a.jpg": other}
+    trained = SimpleNamespace(step=60, settings=small_settings(steps=100), state=SimpleNamespace(collapse_told=False))
+    found = module._masks(masks, trained)
     assert found.figure.endswith("0.30 (least: c.jpg)") and bool(found.advice) == collapsed
+    trained.step = 59  # masks do not hide yet, and may be anything
+    found = module._masks(masks, trained)
+    assert found.meaning == "they hide nothing before step 60" and not found.advice
 
 
 def test_faults_of_a_run_are_reported_with_a_way_to_go_on(trained, tmp_path):

@@ -11,6 +11,7 @@ from torch import Tensor
 from core.appearance.colouring import EVEN, Colouring
 from core.data.collection import Collection
 from core.data.made import LOOKS
+from core.data.photos.names import composed
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
 from core.run.run_folders import check_writable
@@ -24,7 +25,7 @@ LARGEST = 1e6  # far beyond any number of a look; much larger ones would overflo
 def path_of(folder: Path, name: str) -> Path:
     """Where a run saves the look `name`; BadSetting unless that is a plain file name other than `neutral`,
     with or without `.json`."""
-    name = name.removesuffix(".json")
+    name = composed(name.removesuffix(".json"))
     if name == NEUTRAL:
         raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
     if not re.fullmatch(r"\w[\w. -]*", name):

@@ -135,5 +135,6 @@ def test_a_look_may_not_be_called_neutral_and_is_told_why(tmp_path, name):
         saved_look.path_of(tmp_path, name)
 
 
-def test_a_look_may_be_named_with_its_suffix(tmp_path):
+def test_a_look_may_be_named_with_its_suffix_and_in_either_unicode_form(tmp_path):
     assert saved_look.path_of(tmp_path, "dusk.json") == saved_look.path_of(tmp_path, "dusk")
+    assert saved_look.path_of(tmp_path, "da\u0308mmer") == saved_look.path_of(tmp_path, "d\xe4mmer")

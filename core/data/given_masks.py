@@ -78,14 +78,19 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
         for path in {Path(), *(relative_path(photo.name).parent for photo in collection.photos)}
     }
     masks = {}
+    names = {relative_path(composed(photo.name)) for photo in collection.photos}
     for photo in collection.photos:
+        name = relative_path(composed(photo.name))
         folders = listed[relative_path(photo.name).parent], listed[Path()]
-        stems = names_without_suffixes(composed(relative_path(photo.name).name))  # the first one found counts
-        mask, *others = next((found[stem] for found in folders for stem in stems if stem in found), (None,))
-        if others:
-            raise BadInput(f"{mask} and {others[0].name} are masks of one photo.", "Remove one of them.")
-        if mask is not None:
-            masks[photo.name] = mask
+        stems = names_without_suffixes(name.name)  # the first one found counts
+        fitting = next((found[stem] for found in folders for stem in stems if stem in found), [])
+        if len(fitting) > 1 and all(name.with_name(composed(mask.name)) in names for mask in fitting):
+            # Of photos whose names differ in the suffix alone.
+            fitting = [mask for mask in fitting if composed(mask.name) == name.name]
+        if len(fitting) > 1:
+            raise BadInput(f"{fitting[0]} and {fitting[1].name} are masks of one photo.", "Remove one of them.")
+        if fitting:
+            masks[photo.name] = fitting[0]
     unused = sorted(
         {path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values())
     )

@@ -168,6 +168,14 @@ def test_photos_given_as_masks_are_refused(collection, tmp_path):
         with_masks_in(collection, tmp_path / "masks")
 
 
+def test_photos_that_differ_in_their_suffixes_alone_each_have_the_mask_of_their_whole_name(collection, tmp_path):
+    folder, names = tmp_path / "masks", ["a.png", "a.jpg", "a.tif", "b.png", "c.png", "d.png"]
+    photos = tuple(replace(photo, name=name) for photo, name in zip(collection.photos, names, strict=True))
+    wanted = [save_mask(folder / name) for name in names[:2]]
+    found = with_masks_in(replace(collection, photos=photos), folder)
+    assert masks_of(found.photos) == [*wanted, None, None, None, None]
+
+
 def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
     # The first half the size, as near as whole pixels are.
     for number, sides in {0: (17, 24), 1: (8, 99), 3: (48, 36)}.items():

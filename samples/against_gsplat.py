@@ -89,7 +89,7 @@ def usable_peer(trained: TrainedRun) -> ModuleType:
     """gsplat; BadInput where it cannot be used, or the run is nothing to compare with."""
     if trained.has_looks:
         raise BadInput(f"{trained.folder} has looks, which plain 3DGS has not.", "Take a run with --preset vanilla.")
-    if trained.transparent_is_empty:
+    if trained.settings.transparent_is_empty:
         raise BadInput(
             f"In {trained.folder} transparent pixels are empty space, of which gsplat is told nothing.",
             "Take a run with --set transparency=unseen.",

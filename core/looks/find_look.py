@@ -12,9 +12,8 @@ import torch
 from core.appearance.colouring import Colouring
 from core.data.collection import Collection, Photo
 from core.data.given_masks import check_fits, size_for_mask, with_mask
-from core.data.made import LOOKS
 from core.data.photos.file import probe
-from core.data.photos.names import composed, is_file
+from core.data.photos.names import is_file
 from core.data.photos.pixels import mask_size, read_light
 from core.data.sfm import originals
 from core.errors import BadInput, command
@@ -75,7 +74,7 @@ def _saved_as(trained: TrainedRun, word: str) -> Path | None:
     """The file of the saved look that `word` means by path or name, or None.
     A .json that does not exist is reported when it is read."""
     path = Path(word)
-    named = path if path.name != word else trained.folder / LOOKS / f"{composed(word.removesuffix('.json'))}.json"
+    named = path if path.name != word else saved_look.file_of(trained.folder, word)
     if path.suffix == ".json":
         return path if path.is_file() else named
     # The name of a photo may be as long as a name can be.

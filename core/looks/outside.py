@@ -31,7 +31,7 @@ def read_from_outside(trained: TrainedRun, picture: Float[Tensor, "3 h w"]) -> C
     """
     model, known_range, picture = trained.model, trained.known_range, shrink(picture, trained.settings.encoder_side_px)
     embedding = model.embedding_from_outside(picture)
-    if trained.transparent_is_empty or known_range.distance(embedding) <= 1:
+    if trained.settings.transparent_is_empty or known_range.distance(embedding) <= 1:
         return Colouring(known_range.nearest(embedding))
     layers = tone_layers(trained)
     whole = tone_between(layers, band_means(picture))

@@ -44,7 +44,7 @@ def refined_outside(trained: TrainedRun, look: Look, path: Path, mask: Path | No
         sizes = [each.width * each.height for each in map(trained.camera, trained.collection.photos)]
         camera = found.camera.shrunk(sqrt(sum(sizes) / len(sizes) / (found.camera.width * found.camera.height)))
         photo = Photo.from_outside(path, found.camera, mask)
-        loaded = load_photo(photo, camera.width, camera.height, trained.transparent_is_empty)
+        loaded = load_photo(photo, camera.width, camera.height, trained.settings.transparent_is_empty)
     except BadInput as problem:  # with a mask: in a smaller picture, nothing of it is left
         too_fine = "too little of it is left at the size at which it is drawn"
         return not_refined(look, too_fine if mask is not None else problem.what)

@@ -22,10 +22,15 @@ from core.words import counted
 LARGEST = 1e6  # far beyond any number of a look; much larger ones would overflow
 
 
+def file_of(folder: Path, name: str) -> Path:
+    """Where a run's look `name`, with or without `.json`, would lie; for names that no look may have, too."""
+    return folder / LOOKS / f"{_stem_of(name)}.json"
+
+
 def path_of(folder: Path, name: str) -> Path:
     """Where a run saves the look `name`; BadSetting unless that is a plain file name other than `neutral`,
     with or without `.json`."""
-    name = composed(name.removesuffix(".json"))
+    name = _stem_of(name)
     if name == NEUTRAL:
         raise BadSetting(f"{NEUTRAL!r} is the name of a look that every run has.", "Choose another name.")
     if not re.fullmatch(r"\w[\w. -]*", name):
@@ -33,7 +38,11 @@ def path_of(folder: Path, name: str) -> Path:
             f"{name!r} cannot be the name of a look.",
             "Begin it with a letter, a digit or '_'; '.', '-' and spaces may follow.",
         )
-    return folder / LOOKS / f"{name}.json"
+    return file_of(folder, name)
+
+
+def _stem_of(name: str) -> str:
+    return composed(name.removesuffix(".json"))
 
 
 def check_free(folder: Path, name: str, force: bool, collection: Collection) -> None:

@@ -70,7 +70,7 @@ class TrainedRun:
         """
         if not photo.path.is_file() and not self.collection.root.is_dir():
             raise run_config.scene_gone(self.folder, self.collection, f"{photo.name} cannot be read")
-        return load_sized_photo(photo, self.sizes, self.device, self.transparent_is_empty)
+        return load_sized_photo(photo, self.sizes, self.device, self.settings.transparent_is_empty)
 
     def camera(self, photo: Photo) -> Camera:
         """The camera of a photo of the collection at its training size; the photo itself is not needed."""
@@ -126,14 +126,9 @@ class TrainedRun:
         return Sizes.of(self.settings, self.collection.photos)
 
     @property
-    def transparent_is_empty(self) -> bool:
-        """Whether transparent pixels were learned as empty space."""
-        return self.settings.transparent_is_empty
-
-    @property
     def background(self) -> Colour:
         """What its pictures are shown and measured over."""
-        return background_of_figures(self.transparent_is_empty)
+        return background_of_figures(self.settings.transparent_is_empty)
 
     @property
     def device(self) -> torch.device:

@@ -81,7 +81,7 @@ def evaluate(
         steps=trained.step,
         training_seconds=trained.seconds,
         evaluation_seconds=time.perf_counter() - start,
-        white_background=trained.transparent_is_empty,
+        white_background=trained.settings.transparent_is_empty,
         has_looks=trained.has_looks,
     )
     if distance is not None and (small := sum(view.scores["photo"]["zero_shot"].lpips is None for view in views)):
@@ -104,7 +104,7 @@ def _what_is_measured(trained: TrainedRun, photos: tuple[Photo, ...], protocol: 
     """A line: which run, on how many photos of those held out, and how."""
     there, count = sum(is_file(photo.path) for photo in photos), counted(len(photos), "held-out photo")
     found = count if there == len(photos) else f"{there} of {count}"
-    over = ", over white" if trained.transparent_is_empty else ""
+    over = ", over white" if trained.settings.transparent_is_empty else ""
     return f"{trained.folder}, step {trained.step}{trained.on_device_in_words}: {found}, protocol {protocol}{over}"
 
 

@@ -94,7 +94,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     if path:
         _resume(trainer, path, before)
     # They may be incomplete, if it was stopped early, or lost.
-    viewer_files.write(folder, collection, trainer.transparent_is_empty)
+    viewer_files.write(folder, collection, trainer.settings.transparent_is_empty)
     why = "" if path else ", with its own settings: it has no checkpoint yet"
     report.say(f"Going on with {folder} from step {done}{why}")
     history.rewind(folder, done)

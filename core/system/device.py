@@ -65,7 +65,7 @@ def _fault_of_first_use() -> str | None:
         raise
     except RuntimeError as problem:
         return (
-            f"torch cannot compute on this GPU ({_first_line(problem)}), "
+            f"torch cannot compute on this GPU ({first_line(problem)}), "
             "which may be too old for this build of torch, or in use"
         )
     try:
@@ -73,7 +73,7 @@ def _fault_of_first_use() -> str | None:
 
         _ = driver.active.utils  # compiled in C, for this Python
     except (RuntimeError, AssertionError, ImportError, OSError, SubprocessError) as problem:
-        return _fault_without_compiler(_first_line(problem))
+        return _fault_without_compiler(first_line(problem))
     return None
 
 
@@ -90,11 +90,12 @@ def _fault_without_compiler(reason: str) -> str | None:
             "a cache that may be written (TRITON_CACHE_DIR) and, it seems, a C compiler and Python's headers "
             "(on Debian: apt install gcc python3-dev)"
         )
-        return f"Triton cannot be used here ({reason}; without that: {_first_line(problem)}); it needs {needed}"
+        return f"Triton cannot be used here ({reason}; without that: {first_line(problem)}); it needs {needed}"
     return None
 
 
-def _first_line(problem: Exception) -> str:
+def first_line(problem: Exception) -> str:
+    """What torch, CUDA or Triton say is wrong, at most 120 characters of it, without their advice to programmers."""
     return next(iter(str(problem).splitlines()), type(problem).__name__)[:120].rstrip(". ")
 
 

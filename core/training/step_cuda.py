@@ -18,6 +18,7 @@ from core.appearance.model import Reading
 from core.errors import as_out_of_memory
 from core.rasterizer.cuda.backend import BYTES_PER_PAIR, CudaRasterizer, Room, memory_budget
 from core.system.cuda_graph import Recorder, Recording, can_record
+from core.system.device import first_line
 from core.training import schedule
 from core.training.gaussians.gaussians import Gaussians
 from core.training.guards import StepFacts
@@ -133,8 +134,8 @@ class StepperOnGpu(Stepper):
             recording_failed = recorder is not None and has_transient_loss not in self.recordings
             if not recording_failed and (as_out_of_memory(problem) is None or not self.recordings):
                 raise
-            cause = str(problem).partition("\n")[0]
-            self.messages.append(f"Steps take longer from here on: their kernels can't be launched as one ({cause})")
+            why = f"their kernels can't be launched as one ({first_line(problem)})"
+            self.messages.append(f"Steps take longer from here on: {why}")
         # Not above: until its handler ends, the exception keeps all that the failed attempt made.
         self.records = False
         self._drop_recordings()

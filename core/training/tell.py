@@ -55,7 +55,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
         report.say(
             f"It starts from {most:,} of the {counted(points, 'point')}, as half of the Gaussians are for growth"
         )
-    if trainer.transparent_is_empty:
+    if trainer.settings.transparent_is_empty:
         report.say("Transparent pixels are learned as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")

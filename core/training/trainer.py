@@ -92,10 +92,10 @@ class Trainer:
             what = f"{collection.root}: no photo is left to train on. {'; '.join(self.photos.notes)}."
             raise BadInput(what, "Copy them again; masks have to be white where a photo is to be used.")
         settings, self.decisions = decisions.decide(settings, collection.points, self.photos)
-        self.settings, self.transparent_is_empty = settings, settings.transparent_is_empty
-        self.photos.share_canvas = self.on_cuda_kernels and not self.transparent_is_empty
+        self.settings = settings
+        self.photos.share_canvas = self.on_cuda_kernels and not settings.transparent_is_empty
         self.held_out = SizedPhotos(
-            collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, self.transparent_is_empty
+            collection.split("test")[:HELD_OUT_PHOTOS], sizes, self.device, settings.transparent_is_empty
         )
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
         # On the CPU, whatever the device: rounding decides the signs of principal components.
@@ -285,7 +285,7 @@ class Trainer:
 
     def held_out_quality(self) -> tuple[float, float] | tuple[None, None]:
         """Mean PSNR (dB) and SSIM of HELD_OUT_PHOTOS test photos; (None, None) without any."""
-        background = background_of_figures(self.transparent_is_empty)
+        background = background_of_figures(self.settings.transparent_is_empty)
         return held_out.quality(self.held_out, self.gaussians, self.model, self.rasterizer, background)
 
     def save(self) -> Path:

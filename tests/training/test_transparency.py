@@ -98,7 +98,7 @@ def test_small_targets_know_what_is_empty(scene, tmp_path):
 def test_photos_of_other_kinds_show_nothing_where_they_are_transparent_and_nothing_is_drawn_for_them(scene, tmp_path):
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL), tmp_path)
-    assert trainer.settings.sky == "dome" and not trainer.transparent_is_empty
+    assert trainer.settings.sky == "dome" and not trainer.settings.transparent_is_empty
     for sized in (*trainer.photos, *trainer.held_out):
         assert sized.empty is None and np.array_equal(sized.valid, rgba(sized.photo)[..., 3] >= OPAQUE / 255)
     trainer.state.order = [0]
@@ -111,7 +111,10 @@ def test_a_blender_scene_of_opaque_photos_has_a_sky(tmp_path):
     photos = small_collection(tmp_path)
     for given, sky in (("auto", "dome"), ("none", "none")):
         trainer = Trainer(replace(photos, kind="blender"), small_settings().changed(sky=given), tmp_path)
-        assert trainer.settings == small_settings(sky=sky, transparency="unseen") and not trainer.transparent_is_empty
+        assert (
+            trainer.settings == small_settings(sky=sky, transparency="unseen")
+            and not trainer.settings.transparent_is_empty
+        )
 
 
 def test_renders_with_too_little_evidence_get_a_single_look(scene, tmp_path):
@@ -125,14 +128,16 @@ def test_renders_with_too_little_evidence_get_a_single_look(scene, tmp_path):
 def test_transparency_can_mean_empty_space_in_any_scene_but_not_under_a_dome(scene, tmp_path):
     collection = replace(load_collection(scene), kind="nerfstudio")
     trainer = Trainer(collection, Settings(**SMALL, transparency="empty"), tmp_path)
-    assert trainer.transparent_is_empty and trainer.settings.sky == "none" and trainer.photos[0].empty is not None
+    assert (
+        trainer.settings.transparent_is_empty and trainer.settings.sky == "none" and trainer.photos[0].empty is not None
+    )
     with pytest.raises(BadSetting, match="a dome leaves nothing empty"):
         Settings(transparency="empty", sky="dome")
 
 
 def test_a_dome_that_is_asked_for_fills_transparent_space(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL, sky="dome", sky_gaussians=60), tmp_path)
-    assert trainer.gaussians.sky == 60 and not trainer.transparent_is_empty
+    assert trainer.gaussians.sky == 60 and not trainer.settings.transparent_is_empty
     assert all(sized.empty is None and not sized.valid.all() for sized in trainer.photos)
 
 

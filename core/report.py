@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 
-Told = Callable[[int, int], None]  # a progress callback: parts done, parts in all
+OnProgress = Callable[[int, int], None]  # a progress callback: parts done, parts in all
 
 
-def unheard(done: int, total: int) -> None:
-    """A Told that does nothing."""
+def ignore_progress(done: int, total: int) -> None:
+    """An OnProgress that does nothing."""
 
 
 class Report:

@@ -77,11 +77,11 @@ def main(run_folder: Path | None, lengths: tuple[int, ...], sh_degree: int | Non
         for steps in lengths or sorted({settings.steps, STEPS}):
             for name, control in CONTROLS.items():
                 method, start = f"gsplat, {name}", time.perf_counter()
-                told = partial(terminal.progress, method)
+                on_progress = partial(terminal.progress, method)
                 splats = trained_by(
-                    gsplat, control, scene, photos, steps, settings.max_gaussians, degree, settings.seed, told
+                    gsplat, control, scene, photos, steps, settings.max_gaussians, degree, settings.seed, on_progress
                 )
-                add(method, replace(trained, splats=splats, sky=0), steps, time.perf_counter() - start)
+                add(method, replace(trained, splats=splats, sky_count=0), steps, time.perf_counter() - start)
     click.echo(markdown.table(list(rows[0]), [list(entry.values()) for entry in rows]))
 
 

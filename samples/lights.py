@@ -118,8 +118,8 @@ def main(
                 f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders."
             )
     with Terminal() as terminal:
-        words = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
-        looks = {word: find_look(trained, word, report=terminal) for word in words}  # each takes seconds
+        appearances = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
+        looks = {name: find_look(trained, name, report=terminal) for name in appearances}  # each takes seconds
         if lights is not None:
             write_jpeg(
                 lights,

@@ -64,7 +64,7 @@ def test_the_user_is_told_how_many_points_do_not_fit(tmp_path):
         heard, trainer = Heard(), Trainer(collection, small_settings(max_gaussians=most), tmp_path)
         tell_plan(trainer, heard)
         assert [line for line in heard.lines if "starts from" in line] == lines
-        assert len(trainer.gaussians.splats) - trainer.gaussians.sky == min(points, most // 2)
+        assert len(trainer.gaussians.splats) - trainer.gaussians.sky_count == min(points, most // 2)
 
 
 def test_the_user_is_told_how_to_shorten_a_training_that_takes_a_cpu_hours(tmp_path, monkeypatch):

@@ -32,4 +32,12 @@ def bench(scene, run_folder, names, full, output, force) -> None:
     from wegs_cli.terminal import Terminal
 
     with Terminal() as terminal:
-        suite.bench(scene, run_folder, names or FIGURES, full, output, terminal, force)
+        suite.bench(
+            scene,
+            run_folder=run_folder,
+            names=names or FIGURES,
+            full=full,
+            output=output,
+            report=terminal,
+            force=force,
+        )

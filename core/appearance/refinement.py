@@ -20,7 +20,7 @@ from torch import Tensor
 
 from core.appearance.colouring import EVEN, Colouring, Weights
 from core.appearance.strangeness import LARGEST_EXCESS, excess
-from core.report import Told, unheard
+from core.report import OnProgress, ignore_progress
 from core.scene.camera import Camera
 from core.scene.cells import cell_of_pixels, cell_sums, grid
 from core.system.threads import threads_for_blocks
@@ -122,17 +122,17 @@ def refining_to(
     camera: Camera,
     pixels: Float[Tensor, "h w 3"],
     valid: Bool[Tensor, "h w"] | None,
-    told: Told = unheard,
+    on_progress: OnProgress = ignore_progress,
 ) -> Iterator[Colouring]:
     """The steps of `refinement` from the look `start` to one in which `camera` sees what a photo shows.
 
-    pixels: the photo, [0, 1]. valid: which pixels count; None: all. told: called with the number of steps done.
+    pixels: the photo, [0, 1]. valid: which pixels count; None: all. on_progress: called after each step.
     """
     wanted = Wanted.of(camera, pixels, valid)
     seen = seen_by(wanted.camera)
     steps = STEPS + LATER_STEPS if seen.hidden_weights else STEPS
     for step, look in enumerate(refinement(seen, start, wanted)):
-        told(step, steps)
+        on_progress(step, steps)
         yield look
 
 

@@ -55,11 +55,11 @@ def taken_off(
     return (picture / rows[..., None]).clamp(max=1.0)
 
 
-def toned(splats: Splats, tone: Float[Tensor, "2 3"], sky: int) -> Splats:
-    """The Gaussians, the last `sky` of which are the dome, with every colour times its gain;
+def toned(splats: Splats, tone: Float[Tensor, "2 3"], sky_count: int) -> Splats:
+    """The Gaussians, the last `sky_count` of which are the dome, with every colour times its gain;
     exactly, as max(0, c) keeps to gains >= 0."""
-    place = len(splats) - sky
-    gains = torch.cat([tone[:1].expand(place, 3), tone[1:].expand(sky, 3)]).to(splats.sh)
+    place = len(splats) - sky_count
+    gains = torch.cat([tone[:1].expand(place, 3), tone[1:].expand(sky_count, 3)]).to(splats.sh)
     sh = splats.sh * gains[:, None]
     sh[:, 0] += dc_of_colour(0.5 * gains)  # a colour is 0.5 + what its coefficients say
     return splats.with_sh(sh)

@@ -55,10 +55,8 @@ def baking_figure(trained: TrainedRun, views: int, report: Report, budget: float
     """
     rasterizer = trained.rasterizer
     training = [trained.camera(photo) for photo in trained.collection.split("train")]
-    solid = len(trained.splats) - trained.sky
-    largest = largest_contributions(
-        trained.splats, training, rasterizer, lambda done, total: report.progress("Views", done, total)
-    )
+    solid = trained.solid_count
+    largest = largest_contributions(trained.splats, training, rasterizer, partial(report.progress, "Views"))
     largest[solid:] = torch.inf
     order = torch.sort(largest, stable=True).indices
     cameras = spread_over(training, views)

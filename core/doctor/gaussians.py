@@ -25,9 +25,9 @@ ROUNDED = 1e-4  # rounding error of logarithms that were converted into the scen
 SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 
 
-def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Finding]:
+def look_at_gaussians(splats: Splats, frame: SceneFrame, sky_count: int) -> list[Finding]:
     """Findings about Gaussians in the scene frame.
-    sky: how many of the last ones are the dome, which is large and far on purpose."""
+    sky_count: how many of the last ones are the dome, which is large and far on purpose."""
     total = len(splats)
     finite, turned = splats.finite_rows(), splats.quaternions.double().square().sum(dim=1) >= QUATERNION_MIN_NORM2
     findings = [
@@ -37,7 +37,7 @@ def look_at_gaussians(splats: Splats, frame: SceneFrame, sky: int) -> list[Findi
     good = finite & turned
     if not good.any():
         return [*findings, Finding("drawable", "0", "the file shows nothing", "Train or export it again.")]
-    body = splats[good & (torch.arange(total) < total - sky)]
+    body = splats[good & (torch.arange(total) < total - sky_count)]
     if len(body):
         findings += [*_opacities(body), *_shapes(body), _sizes(body, frame), _extent(body, frame)]
     return [*findings, *_colours(splats[good])]

@@ -24,14 +24,14 @@ AGAIN = "Copy or export it again."
 def examine_ply(path: Path, report: Report) -> list[Finding]:
     """Findings about the file; also about its cameras if it lies in a run folder. BadInput if unreadable."""
     said, splats = sky_of(path), read_ply(path)
-    sky = said if said and said <= len(splats) else 0
-    findings = [*_file(path, splats, said or 0), *_findings(path, splats, sky, report)]
+    sky_count = said if said and said <= len(splats) else 0
+    findings = [*_file(path, splats, said or 0), *_findings(path, splats, sky_count, report)]
     if said is not None:
         return findings
     return [replace(found, advice=found.elsewhere or found.advice) if found.advice else found for found in findings]
 
 
-def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
+def _file(path: Path, splats: Splats, sky_count: int) -> list[Finding]:
     """Whether the header fits the rows."""
     size = path.stat().st_size
     figure = f"{counted(len(splats), 'Gaussian')} of SH degree {splats.degree}, {size / 1e6:.1f} MB"
@@ -40,8 +40,8 @@ def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
         findings.append(
             Finding("rest of the file", counted(beyond, "byte"), "after the last row that its header counts", AGAIN)
         )
-    if sky > len(splats):
-        figure = f"{sky:,} of {counted(len(splats), 'Gaussian')}"
+    if sky_count > len(splats):
+        figure = f"{sky_count:,} of {counted(len(splats), 'Gaussian')}"
         findings.append(
             Finding(
                 "sky",
@@ -53,15 +53,15 @@ def _file(path: Path, splats: Splats, sky: int) -> list[Finding]:
     return findings
 
 
-def _findings(path: Path, splats: Splats, sky: int, report: Report) -> list[Finding]:
-    centres = views.centres_of(splats, sky)
+def _findings(path: Path, splats: Splats, sky_count: int, report: Report) -> list[Finding]:
+    centres = views.centres_of(splats, sky_count)
     if not len(centres):
-        return look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky)
+        return look_at_gaussians(splats, SceneFrame(np.zeros(3), 1.0), sky_count)
     # Not the radius that holds 97 %: other programs' files may hold a sky, too, of more than 3 % of the Gaussians.
     half = SceneFrame.around(centres, quantile=0.5)
     frame = SceneFrame(half.centre, 2 * half.radius)
     in_scene = splats.in_scene(frame)
-    findings, cameras = look_at_gaussians(in_scene, frame, sky), []
+    findings, cameras = look_at_gaussians(in_scene, frame, sky_count), []
     try:
         cameras = views.cameras_beside(path)
     except BadInput as problem:
@@ -69,5 +69,5 @@ def _findings(path: Path, splats: Splats, sky: int, report: Report) -> list[Find
     cameras = [camera.in_scene(frame) for camera in spread_over(cameras, MOST_CAMERAS)]
     findings.append(views.float32_error(frame, frame.to_scene(centres), cameras))
     if cameras:
-        findings.append(views.never_seen(in_scene, cameras, sky, report))
+        findings.append(views.never_seen(in_scene, cameras, sky_count, report))
     return findings

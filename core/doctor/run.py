@@ -34,28 +34,28 @@ OFTEN = 0.01  # share of steps that were skipped
 def examine_run(folder: Path, report: Report) -> list[Finding]:
     """Findings about the newest checkpoint of a run. BadInput if it has none, or none that can be read."""
     trained = load_run(folder, on_gpu=False)
-    sky, frame = trained.sky, trained.collection.frame
+    sky_count, frame = trained.sky_count, trained.collection.frame
     neutral = bake(trained, neutral_look(trained))
-    size = f"{counted(len(neutral), 'Gaussian')} ({sky:,} of them sky) of SH degree {neutral.degree}"
+    size = f"{counted(len(neutral), 'Gaussian')} ({sky_count:,} of them sky) of SH degree {neutral.degree}"
     findings = [
         Finding(
             "file",
             size,
             f"{len(neutral) * BYTES_PER_GAUSSIAN / 1e6:.1f} MB per look as .ply",
-            "" if len(neutral) > sky else densify.ALL_GONE,
+            "" if len(neutral) > sky_count else densify.ALL_GONE,
         ),
         *_progress(trained),
         _settings(trained.settings),
         *placed_photos(trained.collection.root),
         odd_focal_lengths(trained.collection.photos),
     ]
-    findings += look_at_gaussians(neutral, frame, sky)
+    findings += look_at_gaussians(neutral, frame, sky_count)
     photos = trained.collection.split("train")
     cameras = [trained.camera(photo) for photo in photos]
-    centres = views.centres_of(neutral, sky)
+    centres = views.centres_of(neutral, sky_count)
     if len(centres):
         findings.append(views.float32_error(frame.for_files(), centres, cameras))
-    findings.append(views.never_seen(neutral, cameras, sky, report))
+    findings.append(views.never_seen(neutral, cameras, sky_count, report))
     return [*findings, *_looks(trained, report)]
 
 

@@ -2,6 +2,7 @@
 and which no camera sees."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,9 @@ WIDEST_PX = 640  # views are rendered at most this wide to see which Gaussians s
 SAMPLE = 2000  # centres, from which the depth of a view is estimated
 
 
-def centres_of(splats: Splats, sky: int) -> np.ndarray:
+def centres_of(splats: Splats, sky_count: int) -> np.ndarray:
     """The finite centres (P, 3), float64, of all but the last `sky` Gaussians."""
-    solid = splats.means[: len(splats) - sky]
+    solid = splats.means[: len(splats) - sky_count]
     return solid[torch.isfinite(solid).all(dim=1)].double().numpy()
 
 
@@ -56,14 +57,12 @@ def _depth(camera: Camera, means: np.ndarray) -> float | None:
     return float(np.median(depths[inside])) if inside.any() else None
 
 
-def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) -> Finding:
+def never_seen(splats: Splats, cameras: list[Camera], sky_count: int, report: Report) -> Finding:
     """How many Gaussians contribute 1/255 or more to no pixel of any camera;
-    the last `sky` rows do not count. Scene frame."""
+    the last `sky_count` rows do not count. Scene frame."""
     rasterizer, small = core.rasterizer.create("auto"), [camera.shrunk(WIDEST_PX / camera.width) for camera in cameras]
     try:
-        largest = largest_contributions(
-            splats, small, rasterizer, lambda done, total: report.progress("Views", done, total)
-        )
+        largest = largest_contributions(splats, small, rasterizer, partial(report.progress, "Views"))
     except BadInput as problem:  # Gaussians so large that the rasterizer refuses them
         return Finding(
             "never seen",
@@ -72,7 +71,7 @@ def never_seen(splats: Splats, cameras: list[Camera], sky: int, report: Report) 
             "Train with a smaller largest_scale.",
             "Remove the giants first.",
         )
-    solid = len(splats) - sky
+    solid = len(splats) - sky_count
     unseen = int((largest[:solid] < ALPHA_MIN).sum())
     advice = "Train with prune_contribution above 0, which removes them." if unseen > UNSEEN * solid else ""
     meaning = f"below 1/255 of every pixel of {counted(len(cameras), 'camera')}: no photo holds them in place"

@@ -157,14 +157,17 @@ def measure(
     return ViewResult(view.name, width, height, scores, overlap), pictures
 
 
+def check_protocol(protocol: str) -> None:
+    """Raise BadSetting unless it is a key of PROTOCOLS."""
+    if protocol not in PROTOCOLS:
+        raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
+
+
 def regions(view: HeldOutView, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
-    Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to be halved or has no valid
-    pixel in one of them.
+    Raises BadInput for a photo that is too narrow to be halved or has no valid pixel in one of them.
     """
-    if protocol not in PROTOCOLS:
-        raise BadSetting(f"There is no protocol {protocol!r}.", f"Choose one of: {', '.join(PROTOCOLS)}.")
     width = view.picture.shape[1]
     fitted = scored = slice(0, width)
     if protocol == "half":

@@ -125,9 +125,9 @@ def read_ply(path: Path) -> Splats:
     return _splats(torch.from_numpy(table), coefficient_count(degree))
 
 
-def maker_of(run: str, sky: int, look: str) -> str:
-    """The comment in a file that wegs writes. sky: how many of its last Gaussians are the dome."""
-    return f"wegs {core.__version__}, run {run}, sky {sky}, look {look}"
+def maker_of(run: str, sky_count: int, look: str) -> str:
+    """The comment in a file that wegs writes. sky_count: how many of its last Gaussians are the dome."""
+    return f"wegs {core.__version__}, run {run}, sky {sky_count}, look {look}"
 
 
 def sky_of(path: Path) -> int | None:

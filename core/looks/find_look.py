@@ -29,9 +29,9 @@ SMALLEST_PHOTO_PX = 16  # of the shorter side; in a smaller photo, light could n
 
 @torch.no_grad()
 def find_look(
-    trained: TrainedRun, word: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
+    trained: TrainedRun, appearance: str, mask: Path | None = None, refine: bool = True, report: Report = QUIET
 ) -> Look:
-    """The look that `word` stands for.
+    """The look that `appearance` names.
 
     mask: a picture, white where the photo is to be used; what it hides does not affect the look at all. refine: refine
     the look of a photo whose camera is known or can be found; this takes seconds, with progress in `report`.
@@ -47,46 +47,46 @@ def find_look(
         raise BadInput(
             f"{mask} is not a file." if mask.exists() else f"There is no mask {mask}.", "Give a picture, white = use."
         )
-    saved = _saved_as(trained, word)
-    if mask is not None and (word == NEUTRAL or saved or not trained.settings.encodes_photos):
+    saved = _saved_as(trained, appearance)
+    if mask is not None and (appearance == NEUTRAL or saved or not trained.settings.encodes_photos):
         raise BadInput(
-            f"The look {word} is not read from a photo that {mask} could hide a part of.", "Leave --mask out."
+            f"The look {appearance} is not read from a photo that {mask} could hide a part of.", "Leave --mask out."
         )
-    if word == NEUTRAL:
+    if appearance == NEUTRAL:
         return neutral_look(trained)
     if saved:
         like = Colouring(trained.model.mean_embedding, changes=trained.given_spread | trained.model.hidden_weights)
         look = saved_look.load(saved, trained.identity, trained.step, like)
         return replace(look, colouring=look.colouring.to(trained.device))
-    photo = _of_collection(trained, word)
+    photo = _of_collection(trained, appearance)
     if photo is not None:
         look = look_of_photo(trained, photo, mask, refine, report)
         if photo.path not in [known.path for known in trained.collection.photos]:
             look = replace(look, source=f"{look.source} (whose file is gone; this one has its name and size)")
         return look
-    if Path(word).is_file():
-        look = look_of_file(trained, Path(word), mask)
-        return refined_outside(trained, look, Path(word), mask, report) if refine else look
-    raise _unknown(trained, word)
+    if Path(appearance).is_file():
+        look = look_of_file(trained, Path(appearance), mask)
+        return refined_outside(trained, look, Path(appearance), mask, report) if refine else look
+    raise _unknown(trained, appearance)
 
 
-def _saved_as(trained: TrainedRun, word: str) -> Path | None:
-    """The file of the saved look that `word` means by path or name, or None.
+def _saved_as(trained: TrainedRun, appearance: str) -> Path | None:
+    """The file of the saved look that `appearance` means by path or name, or None.
     A .json that does not exist is reported when it is read."""
-    path = Path(word)
-    named = path if path.name != word else saved_look.file_of(trained.folder, word)
+    path = Path(appearance)
+    named = path if path.name != appearance else saved_look.file_of(trained.folder, appearance)
     if path.suffix == ".json":
         return path if path.is_file() else named
     # The name of a photo may be as long as a name can be.
     return named if not path.is_file() and is_file(named) else None
 
 
-def _of_collection(trained: TrainedRun, word: str) -> Photo | None:
-    """The photo of the collection that `word` means:
+def _of_collection(trained: TrainedRun, name: str) -> Photo | None:
+    """The photo of the collection that `name` means:
     by its file, by the original that the file was made of, by a file that was moved, or by name."""
-    path, collection = Path(word), trained.collection
+    path, collection = Path(name), trained.collection
     if not path.is_file():
-        return collection.called(word)
+        return collection.called(name)
     same = next((photo for photo in collection.photos if photo.path.is_file() and photo.path.samefile(path)), None)
     made_of = originals.name_in(collection.root, path)
     return (
@@ -105,27 +105,27 @@ def _moved(collection: Collection, path: Path) -> Photo | None:
     return None
 
 
-def find_view(trained: TrainedRun, word: str | None) -> Photo:
-    """The photo of the collection that `word` stands for, as in `find_look`;
+def find_view(trained: TrainedRun, name: str | None) -> Photo:
+    """The photo of the collection that `name` means, as in `find_look`;
     for None the first held-out one, or the first of all.
 
     Raises BadInput if there is none.
     """
-    if word is not None:
-        if photo := _of_collection(trained, word):
+    if name is not None:
+        if photo := _of_collection(trained, name):
             return photo
-        if lost := _left_out(trained, word):
+        if lost := _left_out(trained, name):
             raise BadInput(
                 f"{lost.name} was left out when the cameras were found.",
                 f"Choose another, such as {trained.collection.photos[0].name}.",
             )
-    return trained.collection.photo(word)
+    return trained.collection.photo(name)
 
 
-def _left_out(trained: TrainedRun, word: str) -> Path | None:
-    """The file called `word`, with or without suffix, that structure from motion left out of the scene."""
+def _left_out(trained: TrainedRun, name: str) -> Path | None:
+    """The file called `name`, with or without suffix, that structure from motion left out of the scene."""
     return next(
-        (path for path in originals.left_out(trained.collection.root) if Path(word).name in (path.name, path.stem)),
+        (path for path in originals.left_out(trained.collection.root) if Path(name).name in (path.name, path.stem)),
         None,
     )
 
@@ -202,22 +202,22 @@ def _refuse_unknown_to_table(trained: TrainedRun, name: str) -> None:
         )
 
 
-def _unknown(trained: TrainedRun, word: str) -> BadInput:
-    if not word.strip():
+def _unknown(trained: TrainedRun, appearance: str) -> BadInput:
+    if not appearance.strip():
         return BadInput("The look has no name.", f"Give a photo, or {NEUTRAL}.")
-    if Path(word).is_dir():
-        return BadInput(f"{word} is a folder, not a photo.", "Give one of its photos.")
-    if lost := _left_out(trained, word):
+    if Path(appearance).is_dir():
+        return BadInput(f"{appearance} is a folder, not a photo.", "Give one of its photos.")
+    if lost := _left_out(trained, appearance):
         path = str(lost) if lost.is_file() else f"no longer {lost}"
         return BadInput(
             f"{lost.name} was left out when the cameras were found.",
             f"Give its path, as of a photo from outside: {path}",
         )
-    trained.collection.check_unambiguous(word)
+    trained.collection.check_unambiguous(appearance)
     photos = [photo.name for photo in trained.collection.photos]
     names = {name.lower(): name for name in (*photos, *saved_look.names(trained.folder))}
-    near = [names[name] for name in difflib.get_close_matches(word.lower(), names, n=1, cutoff=0.0)] or [NEUTRAL]
+    near = [names[name] for name in difflib.get_close_matches(appearance.lower(), names, n=1, cutoff=0.0)] or [NEUTRAL]
     return BadInput(
-        f"{word} is neither a photo file, nor a photo or saved look of {trained.folder}.",
+        f"{appearance} is neither a photo file, nor a photo or saved look of {trained.folder}.",
         f"Give a path, a name such as {command(near[0])}, or {NEUTRAL}.",
     )

@@ -179,7 +179,7 @@ def _render_reference(trained: TrainedRun, baked: Splats, camera: Camera) -> Ren
         sent(torch.tensor(each, dtype=torch.float32), splats.means.device)
         for each in (camera.world_to_camera[2], camera.centre)
     )
-    is_place = (visible.rows < len(trained.splats) - trained.sky).float()
+    is_place = (visible.rows < trained.solid_count).float()
     colours = torch.stack([is_place * ((splats.means - centre) @ axis), is_place, torch.zeros_like(is_place)], dim=1)
     depths = trained.rasterizer.render(splats.with_sh(dc_of_colour(colours)[:, None]), camera, known=visible.known)
     features = GridFeatures.of(picture.cpu().clamp(0, 1))

@@ -16,9 +16,9 @@ def write_look(
     """Bake and write one look; returns how many Gaussians were written. pruner: None keeps all Gaussians."""
     baked = bake(trained, look)
     pruned = Pruned(baked) if pruner is None else pruner(baked)
-    splats = pruned.splats if with_sky else pruned.splats[: len(pruned.splats) - trained.sky]
+    splats = pruned.splats if with_sky else pruned.splats[: len(pruned.splats) - trained.sky_count]
     frame = trained.collection.frame
-    maker = maker_of(trained.identity, trained.sky if with_sky else 0, look.name)
+    maker = maker_of(trained.identity, trained.sky_count if with_sky else 0, look.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_lines()]))
     if dropped:
         undrawable = f"{counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion)"

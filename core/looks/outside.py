@@ -62,7 +62,8 @@ def tone_layers(trained: TrainedRun) -> Float[Tensor, "2 bands 3"]:
     of the training views, in the neutral look."""
     neutral = bake(trained, neutral_look(trained))
     alone = [
-        toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky) for gains in ((1.0, 0.0), (0.0, 1.0))
+        toned(neutral, torch.tensor(gains)[:, None].expand(2, 3), trained.sky_count)
+        for gains in ((1.0, 0.0), (0.0, 1.0))
     ]
     layers = []
     for photo in spread_over(trained.collection.split("train"), VIEWS):

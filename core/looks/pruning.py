@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Bool
@@ -10,7 +11,7 @@ from torch import Tensor
 from core.looks.trained import TrainedRun
 from core.rasterizer import BLACK, Colour, Rasterizer
 from core.rasterizer.importance import largest_contributions
-from core.report import Report, Told, unheard
+from core.report import OnProgress, Report, ignore_progress
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -35,8 +36,8 @@ class Pruner:
     viewers can fade between them, and a fade begins and ends with the two bakes bit for bit. Which bands are left out
     depends on the look.
 
-    sky: how many of the last Gaussians are the dome. All of it is kept: in a viewer, people may look where no photo
-    does, and would see holes. background: what looks are shown and compared over.
+    sky_count: how many of the last Gaussians are the dome. All of it is kept: in a viewer, people may look where no
+    photo does, and would see holes. background: what looks are shown and compared over.
     kept: (N,) Gaussians that stay in every look; only a look so bright that they would break the bound keeps all of
     `drawn`. drawn: (N,) Gaussians that reach any pixel of any view, the dome, and those that are not finite, which the
     file's writer counts.
@@ -47,15 +48,15 @@ class Pruner:
         splats: Splats,
         cameras: Sequence[Camera],
         rasterizer: Rasterizer,
-        sky: int = 0,
+        sky_count: int = 0,
         background: Colour = BLACK,
-        told: Told = unheard,
+        on_progress: OnProgress = ignore_progress,
     ):
         self.cameras, self.rasterizer, self.background = cameras, rasterizer, background
         always_kept = ~splats.finite_rows()
-        always_kept[len(splats) - sky :] = True
+        always_kept[len(splats) - sky_count :] = True
         strongest = largest_contributions(
-            splats, cameras, rasterizer, told, torch.where(always_kept, torch.inf, 0.0), enough=HALF_STEP
+            splats, cameras, rasterizer, on_progress, torch.where(always_kept, torch.inf, 0.0), enough=HALF_STEP
         )
         self.drawn = strongest > 0
         self.kept = self._kept(splats, strongest)
@@ -116,5 +117,11 @@ class Pruner:
 def pruner_of(trained: TrainedRun, report: Report) -> Pruner:
     """The Pruner of a run for its training views at training size; the photos themselves are not needed."""
     cameras = [trained.camera(photo) for photo in trained.collection.split("train")]
-    given = trained.splats, cameras, trained.rasterizer, trained.sky, trained.background
-    return Pruner(*given, lambda done, total: report.progress("Pruning", done, total))
+    return Pruner(
+        trained.splats,
+        cameras,
+        trained.rasterizer,
+        trained.sky_count,
+        trained.background,
+        partial(report.progress, "Pruning"),
+    )

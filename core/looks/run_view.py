@@ -28,7 +28,7 @@ class RunView:
         self.trained, self.camera = trained, camera
         self.given_spread, self.hidden_weights = trained.given_spread, trained.model.hidden_weights
         self.visible = trained.rasterizer.visible(trained.splats, camera)
-        solid = len(trained.splats) - trained.sky
+        solid = trained.solid_count
         rows = self.visible.rows
         self.place, self.discs = rows[rows < solid], rows[rows >= solid] - solid
         self.smooth_sky = trained.smooth_sky.of_discs(self.discs) if trained.smooth_sky and len(self.discs) else None
@@ -89,7 +89,7 @@ class RunInCells:
     def sky(self) -> Float[Tensor, " cells"] | None:
         """How much of each cell is sky, px; None without a dome."""
         view = self.view
-        if not view.trained.sky:
+        if not view.trained.sky_count:
             return None
         is_sky = torch.zeros(len(view.in_view), 1, device=view.in_view.means.device)
         is_sky[len(view.place) :] = 1

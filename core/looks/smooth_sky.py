@@ -47,14 +47,14 @@ class SmoothSky:
 
     @staticmethod
     @torch.no_grad()
-    def of(splats: Splats, sky: int, cameras: Sequence[Camera], rasterizer: Rasterizer) -> "SmoothSky | None":
+    def of(splats: Splats, sky_count: int, cameras: Sequence[Camera], rasterizer: Rasterizer) -> "SmoothSky | None":
         """That of Gaussians whose last `sky` are the dome, as these cameras show it; None if they show none of it."""
-        if not sky:
+        if not sky_count:
             return None
-        photos = torch.zeros(sky, dtype=torch.float64, device=splats.means.device)
+        photos = torch.zeros(sky_count, dtype=torch.float64, device=splats.means.device)
         for camera in spread_over(cameras, VIEWS):
             small = camera.within(SIDE_PX)
-            photos += rasterizer.contributions(splats, small)[-sky:]
+            photos += rasterizer.contributions(splats, small)[-sky_count:]
         shown = photos.nonzero()[:, 0]
         if not len(shown):
             return None
@@ -62,7 +62,7 @@ class SmoothSky:
         # Discs lie in rings from pole to pole, so these are spread over all that is shown; each stands for `every`.
         shown = shown[::every]
         with one_torch_thread():  # more would round differently
-            directions = F.normalize(splats.means[-sky:].double(), dim=1)
+            directions = F.normalize(splats.means[-sky_count:].double(), dim=1)
             # In place: 320 MB for the largest dome.
             angles = (directions @ directions[shown].T).clamp_(-1, 1).arccos_().rad2deg_()
             covariance = angles.div_(-LENGTH_DEGREES).exp_()

@@ -36,10 +36,10 @@ NEUTRAL = "neutral"  # the name of the look that every run has; no other can hav
 class TrainedRun:
     """What `load_run` finds in a run folder.
 
-    splats: base Gaussians, scene frame; the last `sky` of them are the dome. latents: one row a Gaussian, if the run
-    has any. state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for `model.photo_names[i]`, from
-    the GLO table or from the encoder as it was at the end of training; None while the encoder's training is unfinished,
-    and without looks. A TrainedRun is a Subject of core.evaluation.
+    splats: base Gaussians, scene frame; the last `sky_count` of them are the dome. latents: one row a Gaussian, if the
+    run has any. state: where it stood at the checkpoint. photo_embeddings: (k, e), row i for `model.photo_names[i]`,
+    from the GLO table or from the encoder as it was at the end of training; None while the encoder's training is
+    unfinished, and without looks. A TrainedRun is a Subject of core.evaluation.
     """
 
     folder: Path
@@ -48,10 +48,15 @@ class TrainedRun:
     collection: Collection
     state: RunState
     splats: Splats
-    sky: int
+    sky_count: int
     latents: Float[Tensor, "n l"] | None
     model: AppearanceModel
     photo_embeddings: Float[Tensor, "k e"] | None = None
+
+    @property
+    def solid_count(self) -> int:
+        """The number of Gaussians that are not sky."""
+        return len(self.splats) - self.sky_count
 
     @property
     def step(self) -> int:
@@ -103,7 +108,7 @@ class TrainedRun:
     def smooth_sky(self) -> SmoothSky | None:
         """What the colours of its dome become in every look; None without a dome that training photos show."""
         cameras = [self.camera(photo) for photo in self.collection.split("train")]
-        return SmoothSky.of(self.splats, self.sky, cameras, self.rasterizer)
+        return SmoothSky.of(self.splats, self.sky_count, cameras, self.rasterizer)
 
     @property
     def has_looks(self) -> bool:
@@ -183,16 +188,16 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
     model.eval().requires_grad_(False)
     photo_embeddings = encoded.get("masked") if model.embedding_table is None else model.embedding_table
     return TrainedRun(
-        folder,
-        identity,
-        settings,
-        collection,
-        state,
-        splats,
-        gaussians.sky,
-        gaussians.latents,
-        model,
-        photo_embeddings,
+        folder=folder,
+        identity=identity,
+        settings=settings,
+        collection=collection,
+        state=state,
+        splats=splats,
+        sky_count=gaussians.sky_count,
+        latents=gaussians.latents,
+        model=model,
+        photo_embeddings=photo_embeddings,
     )
 
 
@@ -206,7 +211,7 @@ def bake(trained: TrainedRun, look: Look, rows: Int[Tensor, " r"] | slice = slic
     baked = trained.model.bake(trained.splats[rows], embedding, trained.latents_of(rows), changes)
     if trained.smooth_sky is not None:
         baked = trained.smooth_sky.over(baked)
-    return baked if tone is None else toned(baked, tone, trained.sky)
+    return baked if tone is None else toned(baked, tone, trained.sky_count)
 
 
 def drawn(trained: TrainedRun, baked: Splats, camera: Camera) -> Float[Tensor, "h w 3"]:

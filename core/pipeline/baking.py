@@ -20,7 +20,7 @@ VIEWER = "https://superspl.at/editor"
 
 def bake_to_file(
     folder: Path | None,
-    word: str,
+    appearance: str,
     output: Path,
     report: Report = QUIET,
     *,
@@ -31,9 +31,9 @@ def bake_to_file(
     with_sky: bool = True,
     refine: bool = True,
 ) -> Path:
-    """Bake the look that `word` names and write it to `output`; `save_as` keeps the look in the run as well.
+    """Bake the look that `appearance` names and write it to `output`; `save_as` keeps the look in the run as well.
 
-    prune: leave out what no training view would miss. mask: of the photo that `word` names, white where it is to be
+    prune: leave out what no training view would miss. mask: of that photo, white where it is to be
     used. with_sky: write the dome, too. refine: refine the look of a photo whose camera is known or can be found.
     Raises BadInput for a run, look, mask or output that cannot be used, BadSetting for a name that a saved look cannot
     have; DiskFull.
@@ -44,7 +44,7 @@ def bake_to_file(
     trained = open_run(folder, report)
     if save_as is not None:
         saved_look.check_free(trained.folder, save_as, force, trained.collection)
-    look = find_look(trained, word, mask, refine, report)
+    look = find_look(trained, appearance, mask, refine, report)
     report.say(f"{trained.folder}, step {trained.step}{trained.on_device_in_words}, appearance: {look.source}")
     for line in trained.collection.frame.offset_lines():
         report.say(line)
@@ -63,6 +63,6 @@ def bake_to_file(
     cameras = trained.folder / "cameras.json"
     viewpoints = f", and {cameras} as well for the photos' viewpoints" if cameras.exists() else ""
     report.say(f"Next: drag {output} into {VIEWER}{viewpoints}")
-    if with_sky and trained.sky:
+    if with_sky and trained.sky_count:
         report.say("In the viewer you begin outside the dome of the sky: choose a viewpoint, or fly in")
     return output

@@ -11,7 +11,7 @@ from core.data.made import EVALUATED, PICTURES
 from core.data.photos.names import is_file, png_paths
 from core.errors import BadInput
 from core.evaluation import WAYS, lpips
-from core.evaluation.protocols import ViewPictures, ViewResult, measure
+from core.evaluation.protocols import ViewPictures, ViewResult, check_protocol, measure
 from core.evaluation.results import Results
 from core.evaluation.sheet import Row, picture_sheet, pictures_kept, row_of, write_view
 from core.export.pictures import write_png
@@ -44,17 +44,10 @@ def evaluate(
     Raises BadInput for a run that cannot be used or written in, and if no held-out photo can be measured; BadSetting
     for an unknown protocol; DiskFull.
     """
+    check_protocol(protocol)
     trained = open_run(folder, report)
-    run_folders.check_writable(trained.folder)
-    for path in (trained.folder / name for name in EVALUATED.get(protocol, ())):
-        if path.is_dir():
-            raise BadInput(f"{path} is a folder, where a file is to be written.", "Move it away.")
-    photos = trained.collection.split("test")
-    if not photos:
-        raise BadInput(
-            f"{trained.folder} has no held-out photos.",
-            "Train without --all-photos on a scene whose split has test photos.",
-        )
+    _check_outputs(trained.folder, protocol)
+    photos = _held_out(trained)
     report.say(_what_is_measured(trained, photos, protocol))
     if (distance := lpips.load()) is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
@@ -98,6 +91,24 @@ def evaluate(
         written.append(f"{PICTURES}/{protocol}/")
     report.say(f"{trained.folder}: {', '.join(written)}")
     return results
+
+
+def _check_outputs(folder: Path, protocol: str) -> None:
+    """Raise BadInput unless the figures can be written into the run."""
+    run_folders.check_writable(folder)
+    for path in (folder / name for name in EVALUATED[protocol]):
+        if path.is_dir():
+            raise BadInput(f"{path} is a folder, where a file is to be written.", "Move it away.")
+
+
+def _held_out(trained: TrainedRun) -> tuple[Photo, ...]:
+    photos = trained.collection.split("test")
+    if not photos:
+        raise BadInput(
+            f"{trained.folder} has no held-out photos.",
+            "Train without --all-photos on a scene whose split has test photos.",
+        )
+    return photos
 
 
 def _what_is_measured(trained: TrainedRun, photos: tuple[Photo, ...], protocol: str) -> str:

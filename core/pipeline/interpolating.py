@@ -42,19 +42,7 @@ def interpolate(
     refine: as in `bake_to_file`. Raises BadSetting for fewer steps, more views and an output with the suffix of a file,
     BadInput for a run, look, view or output that cannot be used; DiskFull.
     """
-    if steps < 2:
-        raise BadSetting(
-            f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more."
-        )
-    if len(views) > 2:
-        raise BadSetting(
-            f"The camera cannot move along {len(views)} views.",
-            "Give --view once, or twice for the way between two cameras.",
-        )
-    if output is not None:
-        check_named_as_folder(
-            output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them"
-        )
+    _check_asked(steps, views, output)
     trained = open_run(folder, report)
     photos = [find_view(trained, view) for view in views or (None,)]
     seen_from = f"seen from {' to '.join(photo.name for photo in photos)}"
@@ -63,12 +51,7 @@ def interpolate(
     old = check_fillable(output, FADE, force)
     if old and not is_of_wegs(output):  # photos may be called frame_*.png, too, as nerfstudio's are
         raise holds_others(output, old[0])
-    words = dict.fromkeys((first, last))
-    if refine:  # which takes seconds: either is refused before
-        for word in words:
-            find_look(trained, word, refine=False)
-    looks = {word: find_look(trained, word, refine=refine, report=report) for word in words}
-    ends = looks[first], looks[last]
+    ends = _ends(trained, first, last, refine, report)
     report.say(f"{trained.folder}{trained.on_device_in_words}: {counted(steps, 'frame')}, {seen_from}")
     for which, end in zip(("from", "to"), ends, strict=True):
         report.say(f"  {which} {end.source}")
@@ -89,6 +72,33 @@ def interpolate(
         files.append("video.mp4")
     report.say(f"{output}: {', '.join(files)}")
     return output
+
+
+def _check_asked(steps: int, views: Sequence[str], output: Path | None) -> None:
+    """Raise BadSetting for what no run could do."""
+    if steps < 2:
+        raise BadSetting(
+            f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more."
+        )
+    if len(views) > 2:
+        raise BadSetting(
+            f"The camera cannot move along {len(views)} views.",
+            "Give --view once, or twice for the way between two cameras.",
+        )
+    if output is not None:
+        check_named_as_folder(
+            output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them"
+        )
+
+
+def _ends(trained: TrainedRun, first: str, last: str, refine: bool, report: Report) -> tuple[Look, Look]:
+    """The looks that `first` and `last` name; both are found before either is refined, which takes seconds."""
+    named = dict.fromkeys((first, last))
+    if refine:
+        for name in named:
+            find_look(trained, name, refine=False)
+    looks = {name: find_look(trained, name, refine=refine, report=report) for name in named}
+    return looks[first], looks[last]
 
 
 def _write_frames(
@@ -133,7 +143,7 @@ class _OnceEach(Report):
         self.has_warned = True
 
 
-def _short(word: str) -> str:
+def _short(appearance: str) -> str:
     """A look's name for a folder: without path and without a file's suffix."""
-    path = Path(word)
+    path = Path(appearance)
     return path.stem if path.suffix.lower() in (*SUFFIXES, ".json") else path.name

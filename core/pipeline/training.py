@@ -182,7 +182,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
     rows = [
         ("run", str(folder)),
         ("steps", f"{trained.step:,} in {trainer.state.seconds:.0f} s"),
-        ("Gaussians", f"{len(trained.splats):,} (sky {trainer.gaussians.sky:,})"),
+        ("Gaussians", f"{len(trained.splats):,} (sky {trainer.gaussians.sky_count:,})"),
         ("neutral look", f"{neutral} ({neutral.stat().st_size / 1e6:.1f} MB)"),
     ]
     if masks:

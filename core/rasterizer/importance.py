@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from core.rasterizer.contract import Rasterizer
-from core.report import Told, unheard
+from core.report import OnProgress, ignore_progress
 from core.scene.camera import Camera
 from core.scene.harmonics import SH_0
 from core.scene.splats import Splats
@@ -17,33 +17,37 @@ def largest_contributions(
     splats: Splats,
     cameras: Collection[Camera],
     rasterizer: Rasterizer,
-    told: Told = unheard,
+    on_progress: OnProgress = ignore_progress,
     at_least: Float[Tensor, " n"] | None = None,
     enough: float = torch.inf,
 ) -> Float[Tensor, " n"]:
     """The largest contribution alpha T of each Gaussian to any pixel of any view, in [0, 1];
     it does not depend on the look.
 
-    RadSplat, section 4.2, calls it the importance score. told: called with the number of views done. at_least: what the
-    result is raised to, such as infinity for Gaussians whose score does not matter. enough: scores up to this are
+    RadSplat, section 4.2, calls it the importance score. on_progress: called after each view. at_least: what the result
+    is raised to, such as infinity for Gaussians whose score does not matter. enough: scores up to this are
     exact; once all are above, the remaining views are skipped.
     """
-    return _largest(rasterizer.contributions, splats, cameras, told, at_least, enough)
+    return _largest(rasterizer.contributions, splats, cameras, on_progress, at_least, enough)
 
 
 def largest_shares(
-    splats: Splats, cameras: Collection[Camera], rasterizer: Rasterizer, told: Told = unheard
+    splats: Splats, cameras: Collection[Camera], rasterizer: Rasterizer, on_progress: OnProgress = ignore_progress
 ) -> Float[Tensor, " n"]:
     """The largest share of a whole picture that each Gaussian makes up in any view, in [0, 1];
     it does not depend on the look."""
-    return _largest(lambda splats, camera: shares_of_picture(splats, camera, rasterizer)[0], splats, cameras, told)
+
+    def share(splats: Splats, camera: Camera) -> Float[Tensor, " n"]:
+        return shares_of_picture(splats, camera, rasterizer)[0]
+
+    return _largest(share, splats, cameras, on_progress)
 
 
 def _largest(
     of_view: Callable[[Splats, Camera], Float[Tensor, " n"]],
     splats: Splats,
     cameras: Collection[Camera],
-    told: Told,
+    on_progress: OnProgress,
     at_least: Float[Tensor, " n"] | None = None,
     enough: float = torch.inf,
 ) -> Float[Tensor, " n"]:
@@ -53,9 +57,9 @@ def _largest(
     for number, camera in enumerate(cameras, start=1):
         torch.maximum(largest, of_view(splats, camera), out=largest)
         if enough < torch.inf and (largest > enough).all():
-            told(len(cameras), len(cameras))
+            on_progress(len(cameras), len(cameras))
             break
-        told(number, len(cameras))
+        on_progress(number, len(cameras))
     return largest
 
 

@@ -10,7 +10,7 @@ from core.appearance.model import AppearanceModel
 from core.config import Settings
 from core.rasterizer import Rasterizer
 from core.rasterizer.importance import largest_contributions
-from core.report import Report, Told
+from core.report import OnProgress, Report
 from core.run.run_state import RunState
 from core.scene.camera import Camera
 from core.training import decisions, schedule
@@ -54,17 +54,17 @@ class DensityControl:
 
     def change(self, gaussians: Gaussians, state: RunState) -> list[str]:
         """All that is scheduled after the steps done; a warning if it leaves only the sky."""
-        done, before = state.done, gaussians.solid
+        done, before = state.done, gaussians.solid_count
         if done in self.prune_at:
             self.prune_by_contribution(gaussians, done)
-            state.useless += before - gaussians.solid
+            state.useless += before - gaussians.solid_count
         if done in self.grow_at:
             self.grow(gaussians, done, state.useless)
         if done == self.settled_at:
             self.clear_the_view(gaussians, done, state.mask_mean)
         if done == self.settings.steps:
             densify.thicken(gaussians)
-        return [densify.ALL_GONE] if before and not gaussians.solid else []
+        return [densify.ALL_GONE] if before and not gaussians.solid_count else []
 
     def grow(self, gaussians: Gaussians, done: int, useless: int) -> None:
         """One round: prune, then grow within a budget that rises from round to round and is max_gaussians in the last.
@@ -72,12 +72,12 @@ class DensityControl:
         densify.prune(gaussians, self.settings, self.surroundings)
         now = sum(step <= done for step in self.grow_at) / len(self.grow_at)
         allowed = round(self.settings.max_gaussians * (FIRST_BUDGET + (1 - FIRST_BUDGET) * now)) - useless
-        densify.grow(gaussians, allowed - gaussians.solid, self.generator)
+        densify.grow(gaussians, allowed - gaussians.solid_count, self.generator)
 
     def prune_by_contribution(self, gaussians: Gaussians, done: int) -> None:
         """Remove the Gaussians that reach `prune_contribution` in no pixel of any training photo."""
         largest = largest_contributions(
-            gaussians.splats, self.photos.cameras, self.rasterizer, self._told(done, "pruning")
+            gaussians.splats, self.photos.cameras, self.rasterizer, self._progress(done, "pruning")
         )
         densify.prune_by_contribution(gaussians, largest, self.settings.prune_contribution)
 
@@ -87,9 +87,11 @@ class DensityControl:
         splats = gaussians.splats
         in_the_way = torch.zeros(len(gaussians), dtype=torch.bool, device=splats.means.device)
         if self.settings.remove_veils:
-            in_the_way |= veils(splats, self.photos.cameras, self.points, self.rasterizer, self._told(done, "veils"))
+            in_the_way |= veils(
+                splats, self.photos.cameras, self.points, self.rasterizer, self._progress(done, "veils")
+            )
         if self.settings.remove_passers_by and self._masks_can_be_trusted(done, mask_mean):
-            in_the_way |= passers_by(splats, self._masked_photos(self._told(done, "passers-by")), self.rasterizer)
+            in_the_way |= passers_by(splats, self._masked_photos(self._progress(done, "passers-by")), self.rasterizer)
         gaussians.keep(~in_the_way)
 
     def _masks_can_be_trusted(self, done: int, mask_mean: float) -> bool:
@@ -98,11 +100,11 @@ class DensityControl:
         return hide and mask_mean >= mask_weights.LEAST_STATIC and len(self.photos) >= decisions.FEWEST_FOR_MASKS
 
     @torch.no_grad()
-    def _masked_photos(self, tell: Told) -> Iterator[tuple[Camera, Tensor]]:
+    def _masked_photos(self, on_progress: OnProgress) -> Iterator[tuple[Camera, Tensor]]:
         for index, sized in enumerate(self.photos):
             if (mask := self.model.read(sized.encoder_input, index).mask) is not None:
                 yield sized.camera, mask
-            tell(index + 1, len(self.photos))
+            on_progress(index + 1, len(self.photos))
 
-    def _told(self, done: int, what: str) -> Told:
+    def _progress(self, done: int, what: str) -> OnProgress:
         return within_step(done - 1, what, self.settings, self.report)

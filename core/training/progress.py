@@ -1,7 +1,7 @@
 """The progress bar of a training: how many steps are done, and what a long step is busy with."""
 
 from core.config import Settings
-from core.report import Report, Told
+from core.report import OnProgress, Report
 from core.training import schedule
 
 
@@ -10,7 +10,7 @@ def tell_progress(done: int, settings: Settings, note: str, report: Report) -> N
     report.progress("Training", done, settings.steps, note, schedule.time_through(settings, done))
 
 
-def within_step(done: int, what: str, settings: Settings, report: Report) -> Told:
+def within_step(done: int, what: str, settings: Settings, report: Report) -> OnProgress:
     """Shows in the bar's note how far `what` is, in the step after `done` others:
     on large collections it can take a minute."""
     return lambda seen, views: tell_progress(done, settings, f"{what}: view {seen} of {views}", report)

@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -16,7 +17,7 @@ from core.config import Settings
 from core.data.collection import Collection
 from core.data.transparency import transparent_may_be_empty
 from core.errors import BadInput, TrainingStopped
-from core.report import QUIET, Report, Told
+from core.report import QUIET, OnProgress, Report
 from core.run import checkpoint, history, run_folders
 from core.run.background import background_of_figures
 from core.run.run_state import RunState
@@ -100,15 +101,21 @@ class Trainer:
         self.model = AppearanceModel(settings, [sized.photo.name for sized in self.photos])
         # On the CPU, whatever the device: rounding decides the signs of principal components.
         if self.model.encoder is not None:
-            told: Told = lambda done, total: report.progress("First looks", done, total)
-            self.model.encoder.start_apart(picture.cpu() for picture in self._encoder_inputs(told))
+            on_progress = partial(report.progress, "First looks")
+            self.model.encoder.start_apart(picture.cpu() for picture in self._encoder_inputs(on_progress))
         self.model.to(self.device)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
         self.stepper = self._stepper()
         self.gaussians = initial_gaussians(collection, settings, self.generator).to(self.device)
         self.density = DensityControl(
-            settings, collection.points, self.photos, self.model, self.rasterizer, self.generator, report
+            settings=settings,
+            points=collection.points,
+            photos=self.photos,
+            model=self.model,
+            rasterizer=self.rasterizer,
+            generator=self.generator,
+            report=report,
         )
         self.saves = schedule.evenly(settings.checkpoints, settings.steps)
         self.state = RunState.at_start(len(self.photos))
@@ -122,11 +129,11 @@ class Trainer:
         run_folders.create(folder, collection, trainer.settings, trainer.decisions)
         return trainer
 
-    def _encoder_inputs(self, told: Told) -> Iterator[Tensor]:
+    def _encoder_inputs(self, on_progress: OnProgress) -> Iterator[Tensor]:
         """What the encoder sees of each photo; thousands of them take some ten seconds."""
         for number, sized in enumerate(self.photos, 1):
             yield sized.encoder_input
-            told(number, len(self.photos))
+            on_progress(number, len(self.photos))
 
     def _stepper(self) -> Stepper:
         given = self.settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator
@@ -150,12 +157,12 @@ class Trainer:
         while state.done < settings.steps:
             start = time.perf_counter()
             report = self.step()
-            told = (*report.messages, *self.change_gaussians())
+            messages = (*report.messages, *self.change_gaussians())
             state.seconds += time.perf_counter() - start
             psnr, ssim = self.held_out_quality() if state.done in checks else (None, None)
-            now, count = state.seconds, self.gaussians.solid
+            now, count = state.seconds, self.gaussians.solid_count
             report = dataclasses.replace(
-                report, seconds=now, gaussians=count, held_out_psnr=psnr, held_out_ssim=ssim, messages=told
+                report, seconds=now, gaussians=count, held_out_psnr=psnr, held_out_ssim=ssim, messages=messages
             )
             if state.done in checks or state.done % max(1, settings.steps // 100) == 0:
                 history.add_row(self.folder, COLUMNS, vars(report))
@@ -195,7 +202,7 @@ class Trainer:
         return StepReport(
             step=state.done,
             seconds=state.seconds,
-            gaussians=self.gaussians.solid,
+            gaussians=self.gaussians.solid_count,
             loss=facts.loss,
             picture_loss=facts.picture_loss,
             mask_mean=state.mask_mean,
@@ -299,11 +306,11 @@ class Trainer:
         if self.optimizer is not None:
             parts["optimizer"] = self.optimizer.tensors()
         if self.state.done == self.settings.steps and len(self.model.met_embeddings):
-            told = within_step(self.state.done - 1, "looks", self.settings, self.report)
-            parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(self._encoder_inputs(told))))
+            on_progress = within_step(self.state.done - 1, "looks", self.settings, self.report)
+            parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(self._encoder_inputs(on_progress))))
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
         photos = [sized.photo.name for sized in self.photos]
-        facts = {"sky": self.gaussians.sky, "photos": photos, **self.state.facts()}
+        facts = {"sky": self.gaussians.sky_count, "photos": photos, **self.state.facts()}
         return checkpoint.save(self.folder, checkpoint.Checkpoint(tensors, facts))
 
     def resume(self, saved: checkpoint.Checkpoint) -> None:

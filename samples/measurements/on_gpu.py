@@ -129,7 +129,7 @@ def measure_steps(place: Place) -> Iterable[Line]:
         trainer = trainer_at(place, gaussians, EVERYTHING)
         camera, target = trainer.photos.target(0, 1)
         what = (
-            f"a step on {trainer.gaussians.solid:,} Gaussians and {trainer.gaussians.sky:,} of sky, "
+            f"a step on {trainer.gaussians.solid_count:,} Gaussians and {trainer.gaussians.sky_count:,} of sky, "
             f"{camera.width} x {camera.height}"
         )
         found = profiled(trainer.step, place)
@@ -158,9 +158,8 @@ def measure_paper(place: Place) -> Iterable[Line]:
 
     thousand = GpuStopwatch(place).repeat(steps, 0, 1)["whole"] * 1000 / PAPER_STEPS_TIMED
     hours = thousand * settings.steps / 1000 / 3600
-    found = (
-        f"{thousand:.1f} s a 1,000 steps on {trainer.gaussians.solid:,} Gaussians: {hours:.1f} h for {settings.steps:,}"
-    )
+    count = trainer.gaussians.solid_count
+    found = f"{thousand:.1f} s a 1,000 steps on {count:,} Gaussians: {hours:.1f} h for {settings.steps:,}"
     yield Line("preset `paper`", "1.8 h on an RTX 4090 (the paper's)", found)
 
 

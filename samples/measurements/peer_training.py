@@ -49,10 +49,10 @@ def trained_by(
     most: int,
     degree: int,
     seed: int,
-    told: Callable[[int, int, str], None],
+    on_progress: Callable[[int, int, str], None],
 ) -> Splats:
-    """Train from the SfM points on `photos`. most: Gaussians, where the control has a limit. told: called with the
-    steps done, all of them, and what is to be said of the last."""
+    """Train from the SfM points on `photos`. most: Gaussians, where the control has a limit. on_progress: called with
+    the steps done, all of them, and what is to be said of the last."""
     torch.manual_seed(seed)
     centres = np.stack([camera.centre for camera in photos.cameras])
     extent = FIRST_SCALE * float(np.linalg.norm(centres - centres.mean(axis=0), axis=1).max())
@@ -86,7 +86,7 @@ def trained_by(
         decay.step()
         given: dict[str, Any] = {"packed": False} if grows_by_gradient else {"lr": decay.get_last_lr()[0]}
         strategy.step_post_backward(parameters, optimizers, state, step, info, **given)
-        told(step + 1, steps, f"{len(parameters['means']):,} Gaussians")
+        on_progress(step + 1, steps, f"{len(parameters['means']):,} Gaussians")
     return splats_of(parameters, degree).detached()
 
 

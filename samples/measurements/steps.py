@@ -36,8 +36,8 @@ def measure_step(scale: float, settings: Settings) -> dict:
     cameras = trainer.photos.cameras
     visible = [len(trainer.rasterizer.visible(trainer.gaussians.splats, camera).rows) for camera in cameras]
     facts = {
-        "gaussians": trainer.gaussians.solid,
-        "sky": trainer.gaussians.sky,
+        "gaussians": trainer.gaussians.solid_count,
+        "sky": trainer.gaussians.sky_count,
         "sh_degree": trainer.settings.sh_degree,
     }
     facts |= {"visible": round(sum(visible) / len(visible)), "from": min(visible), "to": max(visible)}

@@ -41,7 +41,7 @@ def test_gaussians_that_no_view_shows_are_left_out_and_counted_without_the_photo
     pruner = pruner_of(trained, heard)
     written = write_look(trained, neutral, paths[1], heard, pruner)
     gone = len(trained.splats) - written
-    assert gone >= 7 and pruner.kept[-trained.sky :].all()
+    assert gone >= 7 and pruner.kept[-trained.sky_count :].all()
     (line,) = heard.lines
     assert line == f"Left out {counted(gone, 'Gaussian')}: no training view changes; `wegs bake --prune off` keeps all"
     assert [len(read_ply(path)) for path in paths] == [len(trained.splats), written]
@@ -71,8 +71,8 @@ def test_a_look_can_be_written_without_the_sky(trained, tmp_path):
     counts = [
         write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)
     ]
-    assert [sky_of(path) for path in paths] == [trained.sky, 0]
-    assert trained.sky > 0 and counts == [len(trained.splats), len(trained.splats) - trained.sky]
+    assert [sky_of(path) for path in paths] == [trained.sky_count, 0]
+    assert trained.sky_count > 0 and counts == [len(trained.splats), trained.solid_count]
     whole, place = (read_ply(path) for path in paths)
     assert all(
         torch.equal(part[: len(place)], other)

@@ -211,19 +211,14 @@ def test_the_sky_of_a_view_is_what_it_shows_of_the_dome(trained):
     pixels = cell_sums(everything[..., None])[:, 0]
     sky = trained.seen_by(camera).in_cells(everything).sky
     assert sky.shape == pixels.shape and sky.min() >= 0 and 0.5 < (sky / pixels).max() <= 1 + 1e-5
-    dome_alone = (
-        replace(trained, splats=trained.splats[len(trained.splats) - trained.sky :])
-        .seen_by(camera)
-        .in_cells(everything)
-        .sky
-    )
+    dome_alone = replace(trained, splats=trained.splats[trained.solid_count :]).seen_by(camera).in_cells(everything).sky
     assert (sky <= dome_alone + 1e-3).all() and (sky < 0.5 * dome_alone).any()
-    assert replace(trained, sky=0).seen_by(camera).in_cells(everything).sky is None
+    assert replace(trained, sky_count=0).seen_by(camera).in_cells(everything).sky is None
 
 
 def test_sky_and_place_have_gains_of_their_own(trained, tmp_path):
     neutral = bake(trained, find_look(trained, "neutral"))
-    night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky)
+    night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky_count)
     photo = trained.collection.photo(None)
     path = tmp_path / "lit.png"
     write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo))))

@@ -151,12 +151,15 @@ def test_views_are_skipped_once_nothing_can_go():
     """In most runs training has removed what no photo shows, and a collection may have thousands of views."""
     look, told = ball(200)[:1], []
     views = [ring_camera(0.0)] * 5
-    pruner = Pruner(look, views, RASTERIZER, told=lambda done, total: told.append((done, total)))
+    pruner = Pruner(look, views, RASTERIZER, on_progress=lambda done, total: told.append((done, total)))
     assert told == [(5, 5)] and pruner.kept.all()
     behind = gaussians([[0.0, 0.0, -40.0]], 0.1, 0.9, 1.0)
     told.clear()
     assert Pruner(
-        Splats.concatenate([look, behind]), views, RASTERIZER, told=lambda done, total: told.append((done, total))
+        Splats.concatenate([look, behind]),
+        views,
+        RASTERIZER,
+        on_progress=lambda done, total: told.append((done, total)),
     ).kept.tolist() == [
         True,
         False,

@@ -139,7 +139,7 @@ def test_unseen_is_what_is_out_of_view_behind_something_or_under_a_mask_but_noth
     one that is not finite, and those of the run."""
     photo = trained.collection.photo("0.png")
     camera = trained.camera(photo)
-    count = len(trained.splats) - trained.sky
+    count = trained.solid_count
     axis = camera.world_to_camera[2]
     tensors = {name: tensor.detach().clone() for name, tensor in trained.splats.tensors().items()}
     for row, depth, size in ((0, 0.2, 0.1), (1, 0.6, 0.002)):

@@ -14,7 +14,7 @@ import torch
 
 from core import pipeline
 from core.bench import suite
-from core.errors import BadInput, WegsError, disk_full
+from core.errors import BadInput, BadSetting, WegsError, disk_full
 from core.evaluation import lpips, protocols
 from core.evaluation.lpips import Lpips
 from core.looks import held_out_views
@@ -149,6 +149,11 @@ def test_every_command_says_if_a_run_was_stopped(trained, tmp_path, few_steps):
     with held(folder):
         pipeline.bake_to_file(folder, "neutral", tmp_path / "b.ply", heard)
     assert heard.lines[0] == f"! {folder} is still being trained: this is step 5 of {STEPS}."
+
+
+def test_an_unknown_protocol_is_refused_before_the_run_is_read(tmp_path):
+    with pytest.raises(BadSetting, match="^There is no protocol 'whole'. Choose one of: half, full.$"):
+        pipeline.evaluate(tmp_path / "no run", "whole")
 
 
 def test_a_folder_in_place_of_the_results_is_refused_before_the_work(trained, tmp_path, monkeypatch):

@@ -17,8 +17,8 @@ def test_the_budget_grows_from_a_quarter_of_the_cap_to_all_of_it(trainer_of):
         trainer.gaussians.gradient_sum.fill_(1.0)
         trainer.gaussians.seen.fill_(1.0)
         trainer.density.grow(trainer.gaussians, step, useless=0)
-        assert trainer.gaussians.solid <= round(600 * (0.25 + 0.75 * number / len(rounds))), number
-    assert trainer.gaussians.solid == 600
+        assert trainer.gaussians.solid_count <= round(600 * (0.25 + 0.75 * number / len(rounds))), number
+    assert trainer.gaussians.solid_count == 600
 
 
 def test_growth_does_not_replace_what_no_photo_needs(trainer_of, monkeypatch):
@@ -34,7 +34,7 @@ def test_growth_does_not_replace_what_no_photo_needs(trainer_of, monkeypatch):
         gaussians.gradient_sum.fill_(1.0)
         gaussians.seen.fill_(1.0)
         trainer.density.change(gaussians, state)
-        left.append((gaussians.solid, state.useless))
+        left.append((gaussians.solid_count, state.useless))
     assert left == [(262, 0), (375, 0), (488 - 125, 125), (600 - 246, 246)]
 
 
@@ -73,9 +73,9 @@ def test_passers_by_are_removed_where_masks_can_be_trusted(trainer_of, monkeypat
     monkeypatch.setattr("core.training.density.passers_by", first_two)
     monkeypatch.setattr("core.training.decisions.FEWEST_FOR_MASKS", fewest)
     trainer = trainer_of(steps=20, **changes)
-    before = trainer.gaussians.solid
+    before = trainer.gaussians.solid_count
     trainer.density.clear_the_view(trainer.gaussians, trainer.density.settled_at, mask_mean)
-    assert trainer.gaussians.solid == before - 2 * asked
+    assert trainer.gaussians.solid_count == before - 2 * asked
     assert [camera for camera, _ in seen] == trainer.photos.cameras * asked
     assert all(mask.ndim == 3 and not mask.requires_grad for _, mask in seen)
 
@@ -84,6 +84,6 @@ def test_no_gaussian_is_left_thinner_than_viewers_can_draw(trainer_of):
     trainer = trainer_of(steps=30, scale_rate=0.4)
     for _ in trainer.train():
         pass
-    scales = trainer.gaussians.splats.log_scales[: trainer.gaussians.solid]
+    scales = trainer.gaussians.splats.log_scales[: trainer.gaussians.solid_count]
     stiffest = float((scales.amax(dim=1) - scales.amin(dim=1)).exp().max())
     assert stiffest == pytest.approx(STIFFEST, rel=1e-4)  # without the limit some are

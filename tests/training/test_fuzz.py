@@ -123,13 +123,13 @@ def test_density_control_leaves_finite_gaussians_and_keeps_its_budget(spoilt, bu
     }
     for name, row, value in spoilt:
         parameters[name][row].view(-1)[0] = value
-    gaussians = Gaussians.of(parameters, sky=0)
+    gaussians = Gaussians.of(parameters, sky_count=0)
     gaussians.gradient_sum, gaussians.seen = torch.rand(7, generator=generator), torch.ones(7)
     points = np.random.default_rng(0).normal(size=(30, 3))
     densify.prune(gaussians, small_settings(), densify.Surroundings(points, 4.0))
-    left = gaussians.solid
+    left = gaussians.solid_count
     densify.grow(gaussians, budget, generator)
-    assert left <= gaussians.solid <= left + budget
+    assert left <= gaussians.solid_count <= left + budget
     for name, tensor in gaussians.tensors().items():
         assert torch.isfinite(tensor).all(), name
 

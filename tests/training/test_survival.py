@@ -164,13 +164,13 @@ def test_points_in_one_place_allow_gaussians_around_them(collection, tmp_path, p
     trainer, _ = run(
         replace(collection, points=same[0], point_colours=same[1]), tmp_path / "run", prune_contribution=0.0
     )
-    assert trainer.gaussians.solid > 0
+    assert trainer.gaussians.solid_count > 0
 
 
 @pytest.mark.parametrize("changes", [{}, {"sky": "none"}, {"sky": "none", "appearance": "off", "transients": "off"}])
 def test_a_run_that_loses_all_its_gaussians_says_so_and_goes_on(collection, tmp_path, changes):
     trainer, messages = run(collection, tmp_path / "run", prune_opacity=1.0, **changes)
-    assert (trainer.gaussians.solid, trainer.state.done) == (0, 40)
+    assert (trainer.gaussians.solid_count, trainer.state.done) == (0, 40)
     assert messages == [ALL_GONE]
 
 
@@ -308,11 +308,11 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
     for _ in range(12):
         trainer.step()
     spoil(trainer, SKIPS_TO_STOP, WRONG[words])
-    trainer.density.grow_at, few = [22], trainer.gaussians.solid
+    trainer.density.grow_at, few = [22], trainer.gaussians.solid_count
     with pytest.raises(TrainingStopped, match=f"{SKIPS_TO_STOP} steps in a row.*{words}.*Saved .*checkpoint_000022"):
         for _ in trainer.train():
             pass
-    assert trainer.gaussians.solid > few  # a round of growth was due just then
+    assert trainer.gaussians.solid_count > few  # a round of growth was due just then
     resumed = Trainer(collection, small_settings(), folder)
     resumed.resume(checkpoint.load(checkpoint.newest(folder)))
     assert (resumed.state.skipped, resumed.state.skipped_in_a_row, resumed.state.last_losses) == (

@@ -55,8 +55,8 @@ def test_latents_start_to_learn_at_latents_from(collection, tmp_path):
     for report in trainer.train():
         # Of the sky.
         for latents in (
-            trainer.gaussians.latents[: trainer.gaussians.solid],
-            trainer.gaussians.latents[trainer.gaussians.solid :],
+            trainer.gaussians.latents[: trainer.gaussians.solid_count],
+            trainer.gaussians.latents[trainer.gaussians.solid_count :],
         ):
             assert latents.any() == (report.step > 5)
 
@@ -164,7 +164,9 @@ def test_the_sky_keeps_its_shape_and_learns_its_colour(collection, tmp_path):
     fresh = Trainer(collection, small_settings(), tmp_path / "run").gaussians
     learned = trainer.gaussians
     for name in ("means", "quaternions", "log_scales", "logit_opacities"):
-        assert torch.equal(learned.parameters[name][-learned.sky :], fresh.parameters[name][-fresh.sky :]), name
-    harmonics = learned.parameters["sh"][-learned.sky :]
+        assert torch.equal(
+            learned.parameters[name][-learned.sky_count :], fresh.parameters[name][-fresh.sky_count :]
+        ), name
+    harmonics = learned.parameters["sh"][-learned.sky_count :]
     # The same from every side.
-    assert not torch.equal(harmonics, fresh.parameters["sh"][-fresh.sky :]) and not harmonics[:, 1:].any()
+    assert not torch.equal(harmonics, fresh.parameters["sh"][-fresh.sky_count :]) and not harmonics[:, 1:].any()

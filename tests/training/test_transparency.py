@@ -137,7 +137,7 @@ def test_transparency_can_mean_empty_space_in_any_scene_but_not_under_a_dome(sce
 
 def test_a_dome_that_is_asked_for_fills_transparent_space(scene, tmp_path):
     trainer = Trainer(load_collection(scene), Settings(**SMALL, sky="dome", sky_gaussians=60), tmp_path)
-    assert trainer.gaussians.sky == 60 and not trainer.settings.transparent_is_empty
+    assert trainer.gaussians.sky_count == 60 and not trainer.settings.transparent_is_empty
     assert all(sized.empty is None and not sized.valid.all() for sized in trainer.photos)
 
 
@@ -157,7 +157,7 @@ def test_training_reports_empty_space_once_and_makes_no_sky(finished):
         sum(line.startswith("Transparent pixels are learned as empty space, without a sky") for line in heard.lines)
         == 1
     )
-    assert load_run(folder).sky == 0 and run_config.read_config(folder)[1].sky == "none"
+    assert load_run(folder).sky_count == 0 and run_config.read_config(folder)[1].sky == "none"
     assert "white_background=True" in (folder / "cfg_args").read_text()
 
 

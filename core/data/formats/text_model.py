@@ -22,7 +22,7 @@ WHOLE = {"CAMERA_ID", "WIDTH", "HEIGHT", "IMAGE_ID", "POINT3D_ID", "R", "G", "B"
 WORDS = {"MODEL", "NAME"}
 
 
-class _Fault(Exception):
+class _BadLine(Exception):
     """What is wrong with a line, in words."""
 
 
@@ -40,18 +40,18 @@ def fault_in(folder: Path) -> str | None:
             try:
                 _check(columns, words)
                 if words[0] in met:
-                    raise _Fault(f"{columns[0]} {words[0]} was there before")
+                    raise _BadLine(f"{columns[0]} {words[0]} was there before")
                 met.add(words[0])
                 if columns == CAMERA:
                     _check_lens(words[1], words[len(CAMERA) :])
                     cameras.add(words[0])
                 if columns == IMAGE:
                     if words[8] not in cameras:
-                        raise _Fault(f"its camera, {words[8]}, is not in cameras.txt")
+                        raise _BadLine(f"its camera, {words[8]}, is not in cameras.txt")
                     number, line = next(lines, (number + 1, ""))
                     _check_features(line.split())
-            except _Fault as fault:
-                return f"{folder / name} line {number}: {fault}"
+            except _BadLine as bad:
+                return f"{folder / name} line {number}: {bad}"
     return None
 
 
@@ -60,11 +60,11 @@ def is_pose(line: str) -> bool:
     words = line.split()
     try:
         _check(IMAGE, words)
-    except _Fault:
+    except _BadLine:
         return False
     try:
         _check_features(words)
-    except _Fault:
+    except _BadLine:
         return True
     return False
 
@@ -72,23 +72,23 @@ def is_pose(line: str) -> bool:
 def _check(columns: Sequence[str], words: Sequence[str]) -> None:
     for column, word in zip_longest(columns, words[: len(columns)]):
         if word is None:
-            raise _Fault(f"{column} is missing")
+            raise _BadLine(f"{column} is missing")
         if column not in WORDS and not _is_number(word, whole=column in WHOLE):
-            raise _Fault(f"{column} is {word!r}, not a {'whole ' if column in WHOLE else ''}number")
+            raise _BadLine(f"{column} is {word!r}, not a {'whole ' if column in WHOLE else ''}number")
 
 
 def _check_lens(model: str, params: Sequence[str]) -> None:
     if model not in MODELS:
-        raise _Fault(f"there is no camera model {model}")
+        raise _BadLine(f"there is no camera model {model}")
     wanted = len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.__members__[model], 1.0, 2, 2).params)
     if len(params) != wanted:
-        raise _Fault(f"{counted(len(params), 'parameter')}, not the {wanted} of a {model} camera")
+        raise _BadLine(f"{counted(len(params), 'parameter')}, not the {wanted} of a {model} camera")
     _check([f"parameter {number}" for number in range(1, wanted + 1)], params)
 
 
 def _check_features(words: Sequence[str]) -> None:
     if len(words) % len(FEATURE):
-        raise _Fault(f"{counted(len(words), 'word')} in place of features of {' '.join(FEATURE)} each")
+        raise _BadLine(f"{counted(len(words), 'word')} in place of features of {' '.join(FEATURE)} each")
     for start in range(0, len(words), len(FEATURE)):
         _check(FEATURE, words[start : start + len(FEATURE)])
 

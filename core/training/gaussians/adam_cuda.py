@@ -81,7 +81,7 @@ def step(
     columns = tuple(len(rates[name]) for name in gradients)
     update[blocks(len(rows), ROWS)](
         *parameters, tuple(gradients.values()), torch.cat([rates[name] for name in gradients]),
-        gaussians.counts, _corrections(rows.device), rows, taken, len(rows), gaussians.solid,
+        gaussians.counts, _corrections(rows.device), rows, taken, len(rows), gaussians.solid_count,
         COLUMNS=columns, FREE=tuple(map(free_columns, gradients, columns)),
         ROWS=ROWS, BLOCK=BLOCK, num_warps=WARPS, **FUSED,
     )  # fmt: skip

@@ -95,14 +95,14 @@ def prune(gaussians: Gaussians, settings: Settings, surroundings: Surroundings |
 
 def thicken(gaussians: Gaussians) -> None:
     """Widen axes that are shorter than 1 / STIFFEST of their Gaussian's longest axis to that length."""
-    log_scales = gaussians.parameters["log_scales"][: gaussians.solid]
+    log_scales = gaussians.parameters["log_scales"][: gaussians.solid_count]
     log_scales.copy_(torch.maximum(log_scales, log_scales.amax(dim=1, keepdim=True) - math.log(STIFFEST)))
 
 
 def prune_by_contribution(gaussians: Gaussians, largest: Tensor, share: float) -> None:
     """Remove Gaussians whose largest contribution to any view (N,) is below `share`,
     but keep at least LEAST_KEPT of all, the strongest."""
-    solid = gaussians.solid
+    solid = gaussians.solid_count
     least = solid - int((1 - LEAST_KEPT) * solid)
     kept = largest >= share
     # By rank: most may reach nothing, and then a quarter of them is still a quarter.
@@ -117,7 +117,7 @@ def grow(gaussians: Gaussians, budget: int, generator: torch.Generator) -> None:
     A cloned Gaussian keeps its place and gains a twin; a split one is replaced by two smaller ones drawn from it.
     The gathered statistics start anew.
     """
-    solid = gaussians.solid
+    solid = gaussians.solid_count
     gradient = gaussians.gradient_sum / gaussians.seen.clamp_min(1)
     gradient[solid:] = 0
     count = min(budget, int((gradient > GRADIENT_THRESHOLD).sum()))

@@ -18,7 +18,7 @@ MOMENTS = ("first", "second")
 
 @dataclass
 class Gaussians:
-    """N Gaussians and the `sky` last rows among them: the dome, whose geometry is fixed and never densified.
+    """N Gaussians and the `sky_count` last rows among them: the dome, whose geometry is fixed and never densified.
 
     parameters: the tensors of Splats and, if wanted, `latents` (N, L). first, second: Adam moments of the same shapes.
     counts: (N,) int32 Adam steps. gradient_sum, seen: (N,) what density control gathers between two rounds.
@@ -30,10 +30,10 @@ class Gaussians:
     counts: Tensor
     gradient_sum: Tensor
     seen: Tensor
-    sky: int
+    sky_count: int
 
     @staticmethod
-    def of(parameters: dict[str, Tensor], sky: int) -> "Gaussians":
+    def of(parameters: dict[str, Tensor], sky_count: int) -> "Gaussians":
         """Fresh moments and statistics around these parameters."""
         rows = len(parameters["means"])
         return Gaussians(
@@ -43,21 +43,21 @@ class Gaussians:
             counts=torch.zeros(rows, dtype=torch.int32),
             gradient_sum=torch.zeros(rows),
             seen=torch.zeros(rows),
-            sky=sky,
+            sky_count=sky_count,
         )
 
     def __len__(self) -> int:
         return len(self.counts)
 
     @property
-    def solid(self) -> int:
+    def solid_count(self) -> int:
         """The number of Gaussians that are not sky."""
-        return len(self) - self.sky
+        return len(self) - self.sky_count
 
     @property
     def kind(self) -> tuple[int, dict[str, torch.Size]]:
         """What training does not change: how many are sky, and the shape that a row has in each tensor."""
-        return self.sky, {name: tensor.shape[1:] for name, tensor in self.tensors().items()}
+        return self.sky_count, {name: tensor.shape[1:] for name, tensor in self.tensors().items()}
 
     @property
     def splats(self) -> Splats:
@@ -71,7 +71,9 @@ class Gaussians:
 
     def to(self, device: torch.device) -> "Gaussians":
         """The same Gaussians on `device`."""
-        return Gaussians.from_tensors({name: tensor.to(device) for name, tensor in self.tensors().items()}, self.sky)
+        return Gaussians.from_tensors(
+            {name: tensor.to(device) for name, tensor in self.tensors().items()}, self.sky_count
+        )
 
     def leaves(self, rows: Tensor) -> dict[str, Tensor]:
         """Copies of the chosen rows that gather gradients."""
@@ -90,7 +92,7 @@ class Gaussians:
             return
         if not taken:
             return
-        sky = int(torch.searchsorted(rows, self.solid))  # where the dome's begin
+        sky = int(torch.searchsorted(rows, self.solid_count))  # where the dome's begin
         moved = []
         for name, leaf in leaves.items():
             if leaf.grad is None or name not in rates:
@@ -102,12 +104,12 @@ class Gaussians:
 
     def keep(self, mask: Tensor) -> None:
         """Keep the rows where `mask` (N,) is true, and the sky."""
-        rows = torch.nonzero(mask | (torch.arange(len(self), device=mask.device) >= self.solid)).squeeze(1)
+        rows = torch.nonzero(mask | (torch.arange(len(self), device=mask.device) >= self.solid_count)).squeeze(1)
         self._become({name: tensor.index_select(0, rows) for name, tensor in self.tensors().items()})
 
     def insert(self, born: dict[str, Tensor]) -> None:
         """Add Gaussians before the sky, with fresh moments and statistics."""
-        rows, solid = len(born["means"]), self.solid
+        rows, solid = len(born["means"]), self.solid_count
         grown = {}
         for name, old in self.tensors().items():
             group, _, part = name.partition(".")
@@ -117,7 +119,7 @@ class Gaussians:
 
     def _become(self, flat: dict[str, Tensor]) -> None:
         """Take over these tensors, all at once: where memory runs out before, the old ones still fit together."""
-        vars(self).update(vars(Gaussians.from_tensors(flat, self.sky)))
+        vars(self).update(vars(Gaussians.from_tensors(flat, self.sky_count)))
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, flat, for a checkpoint."""
@@ -127,7 +129,7 @@ class Gaussians:
         return flat | {"counts": self.counts, "gradient_sum": self.gradient_sum, "seen": self.seen}
 
     @staticmethod
-    def from_tensors(flat: dict[str, Tensor], sky: int) -> "Gaussians":
+    def from_tensors(flat: dict[str, Tensor], sky_count: int) -> "Gaussians":
         """The inverse of `tensors`;
         raises KeyError or ValueError for a set that is incomplete or does not fit together."""
         groups = {
@@ -142,9 +144,13 @@ class Gaussians:
                 f"{sorted(rows)} Gaussians in tensors of one set, or parameters or moments that are not float32"
             )
         shapes, *others = ({name: tensor.shape for name, tensor in group.items()} for group in groups.values())
-        if any(other != shapes for other in others) or not 0 <= sky <= min(rows):
-            raise ValueError(f"moments of other shapes than the parameters, or a sky of {sky} of {min(rows)} Gaussians")
-        return Gaussians(**groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky=sky)
+        if any(other != shapes for other in others) or not 0 <= sky_count <= min(rows):
+            raise ValueError(
+                f"moments of other shapes than the parameters, or a sky of {sky_count} of {min(rows)} Gaussians"
+            )
+        return Gaussians(
+            **groups, counts=flat["counts"], gradient_sum=flat["gradient_sum"], seen=flat["seen"], sky_count=sky_count
+        )
 
 
 def splats_of(parameters: dict[str, Tensor]) -> Splats:

@@ -34,14 +34,14 @@ def initial_gaussians(collection: Collection, settings: Settings, generator: tor
     # A lonely point must not start as haze over everything.
     scales = np.clip(spacings(points), LEAST_SCALE, settings.largest_scale / 2)
     parts = [_isotropic(points, scales, colours, INITIAL_OPACITY, settings.sh_degree)]
-    sky = 0
+    sky_count = 0
     if settings.sky == "dome":
         parts.append(sky_dome(collection, settings))
-        sky = len(parts[-1])
+        sky_count = len(parts[-1])
     parameters = Splats.concatenate(parts).tensors()
     if settings.latent_size and settings.appearance == "full":
         parameters["latents"] = torch.zeros(len(parameters["means"]), settings.latent_size)
-    return Gaussians.of(parameters, sky)
+    return Gaussians.of(parameters, sky_count)
 
 
 def spacings(points: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from core.rasterizer import Rasterizer
 from core.rasterizer.importance import largest_shares
-from core.report import Told, unheard
+from core.report import OnProgress, ignore_progress
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 
@@ -32,15 +32,15 @@ def veils(
     cameras: Sequence[Camera],
     points: Float[np.ndarray, "p 3"],
     rasterizer: Rasterizer,
-    told: Told = unheard,
+    on_progress: OnProgress = ignore_progress,
 ) -> Bool[Tensor, " n"]:
     """Which Gaussians are veils. cameras: of the photos; points: from SfM; all in the scene frame.
-    told: of the views drawn."""
+    on_progress: called after each view."""
     cameras = [camera.shrunk(SHRUNK) for camera in cameras]
     new = cameras_beside(cameras, points)
     views = len(cameras) + len(new)
-    in_photos = largest_shares(splats, cameras, rasterizer, lambda done, _: told(done, views))
-    in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: told(len(cameras) + done, views))
+    in_photos = largest_shares(splats, cameras, rasterizer, lambda done, _: on_progress(done, views))
+    in_new_views = largest_shares(splats, new, rasterizer, lambda done, _: on_progress(len(cameras) + done, views))
     return (in_new_views > LEAST_SHARE) & (in_new_views > MOST_BY_STEPPING * in_photos)
 
 

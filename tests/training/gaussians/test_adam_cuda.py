@@ -22,7 +22,7 @@ def aged_gaussians(oldest: int) -> Gaussians:
     the sky's geometry has never moved."""
     torch.manual_seed(0)
     shapes = {"means": (3,), "logit_opacities": (), "sh": (4, 3), "latents": (2,)}
-    gaussians = Gaussians.of({name: torch.randn(300, *shape) for name, shape in shapes.items()}, sky=50)
+    gaussians = Gaussians.of({name: torch.randn(300, *shape) for name, shape in shapes.items()}, sky_count=50)
     for name, columns in ((name, adam_cuda.free_columns(name, len(RATES[name]))) for name in shapes):
         for moments, scale in ((gaussians.first, 0.1 * torch.randn(300)), (gaussians.second, 0.1 * torch.rand(300))):
             flat = moments[name].view(300, -1)

@@ -10,22 +10,22 @@ from tests.small import small_settings
 
 
 def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gaussians):
-    solid, sky = gaussians.solid, gaussians.sky
+    solid, sky = gaussians.solid_count, gaussians.sky_count
     opacities, scales, means = (gaussians.parameters[name] for name in ("logit_opacities", "log_scales", "means"))
     opacities[:2] = torch.logit(torch.tensor([0.019, 0.021]))
     scales[2:4, 1] = torch.tensor([0.51, 0.49]).log()
     means[4, 2] = float("nan")
     densify.prune(gaussians, small_settings(prune_opacity=0.02, largest_scale=0.5))
-    assert (gaussians.solid, gaussians.sky) == (solid - 3, sky)
+    assert (gaussians.solid_count, gaussians.sky_count) == (solid - 3, sky)
     assert all(len(tensor) == len(gaussians) for tensor in gaussians.tensors().values())
 
 
 def test_a_gaussian_that_is_not_finite_is_pruned_also_where_distances_to_points_count(gaussians):
-    points = gaussians.parameters["means"][: gaussians.solid].double().numpy()
+    points = gaussians.parameters["means"][: gaussians.solid_count].double().numpy()
     gaussians.parameters["means"][0] = float("nan")
     gaussians.parameters["means"][1] = 50.0
     densify.prune(gaussians, small_settings(), densify.Surroundings(points, reach=4.0))
-    assert gaussians.solid == len(points) - 2
+    assert gaussians.solid_count == len(points) - 2
 
 
 def test_axes_that_are_too_thin_are_widened_and_nothing_else_changes(gaussians):
@@ -43,17 +43,19 @@ def test_axes_that_are_too_thin_are_widened_and_nothing_else_changes(gaussians):
 
 @pytest.mark.parametrize("reaching", [0.0, 0.1, 0.5, 1.0])
 def test_pruning_by_contribution_keeps_the_strong_and_at_least_a_quarter(gaussians, reaching):
-    solid, means = gaussians.solid, gaussians.parameters["means"].clone()
+    solid, means = gaussians.solid_count, gaussians.parameters["means"].clone()
     largest = torch.zeros(len(gaussians))
     largest[: round(reaching * solid)] = torch.linspace(0.15, 0.05, round(reaching * solid))
     strong = int((largest >= 0.1).sum())
     densify.prune_by_contribution(gaussians, largest, 0.1)
     quarter = solid - int(0.75 * solid)
-    assert gaussians.solid == max(strong, quarter) and gaussians.sky == len(means) - solid
-    assert torch.equal(gaussians.parameters["means"][: gaussians.solid], means[: gaussians.solid])  # the strongest
+    assert gaussians.solid_count == max(strong, quarter) and gaussians.sky_count == len(means) - solid
+    assert torch.equal(
+        gaussians.parameters["means"][: gaussians.solid_count], means[: gaussians.solid_count]
+    )  # the strongest
     gaussians.keep(torch.zeros(len(gaussians), dtype=torch.bool))
     densify.prune_by_contribution(gaussians, torch.zeros(len(gaussians)), 0.1)
-    assert gaussians.solid == 0
+    assert gaussians.solid_count == 0
 
 
 @pytest.mark.parametrize("gather", [densify.gather, densify.plain_gather])
@@ -69,7 +71,7 @@ def test_screen_gradients_are_gathered_in_half_pictures_unless_the_step_is_dropp
 
 
 def test_growth_clones_the_small_and_splits_the_large(gaussians):
-    solid = gaussians.solid
+    solid = gaussians.solid_count
     gaussians.seen.fill_(1)
     gaussians.gradient_sum[:2] = 1.0
     gaussians.parameters["log_scales"][0] = np.log(0.011)  # 3DGS: above a hundredth
@@ -77,7 +79,7 @@ def test_growth_clones_the_small_and_splits_the_large(gaussians):
     small = gaussians.parameters["means"][1].clone()
     densify.grow(gaussians, 100, torch.Generator().manual_seed(0))
     parameters = gaussians.parameters
-    assert gaussians.solid == solid + 2
+    assert gaussians.solid_count == solid + 2
     expected = torch.full((3,), 0.011 / 1.6)
     torch.testing.assert_close(parameters["log_scales"][0].exp(), expected)
     torch.testing.assert_close(parameters["log_scales"][solid].exp(), expected)
@@ -87,35 +89,35 @@ def test_growth_clones_the_small_and_splits_the_large(gaussians):
 def test_growth_keeps_to_its_budget_and_takes_the_largest_gradients(gaussians):
     gaussians.seen.fill_(1)
     gaussians.gradient_sum[:] = torch.arange(len(gaussians)) + 1.0  # the sky's is the largest, and does not grow
-    solid = gaussians.solid
+    solid = gaussians.solid_count
     strongest = gaussians.parameters["sh"][solid - 3 : solid].clone()
     densify.grow(gaussians, 3, torch.Generator().manual_seed(0))
-    assert gaussians.solid == solid + 3
+    assert gaussians.solid_count == solid + 3
     assert torch.equal(gaussians.parameters["sh"][solid : solid + 3], strongest)
 
 
 def test_gaussians_with_small_gradients_do_not_grow(gaussians):
-    solid = gaussians.solid
+    solid = gaussians.solid_count
     gaussians.seen.fill_(1)
     gaussians.gradient_sum[:3] = torch.tensor([1.9e-4, 2.1e-4, 2.1e-4])  # 3DGS: 2e-4
     densify.grow(gaussians, 100, torch.Generator().manual_seed(0))
-    assert gaussians.solid == solid + 2
+    assert gaussians.solid_count == solid + 2
 
 
 def test_growth_uses_the_mean_gradient_of_a_view_and_resets_the_counts(gaussians):
-    solid, seldom = gaussians.solid, gaussians.parameters["sh"][0].clone()
+    solid, seldom = gaussians.solid_count, gaussians.parameters["sh"][0].clone()
     for budget in (1, 0):
         gaussians.seen[:2] = torch.tensor([1.0, 10.0])
         gaussians.gradient_sum[:2] = torch.tensor([2e-3, 3e-3])
-        before = gaussians.solid
+        before = gaussians.solid_count
         densify.grow(gaussians, budget, torch.Generator().manual_seed(0))
-        assert gaussians.solid == before + budget
+        assert gaussians.solid_count == before + budget
         assert not gaussians.seen.any() and not gaussians.gradient_sum.any()
     assert torch.equal(gaussians.parameters["sh"][solid], seldom)
 
 
 def test_halves_of_a_long_gaussian_lie_along_it(gaussians):
-    solid, half_turn = gaussians.solid, np.deg2rad(40) / 2
+    solid, half_turn = gaussians.solid_count, np.deg2rad(40) / 2
     parameters = gaussians.parameters
     parameters["quaternions"][:solid] = torch.tensor([np.cos(half_turn), 0, 0, np.sin(half_turn)]).float()
     parameters["log_scales"][:solid] = torch.tensor([0.1, 1e-6, 1e-6]).log()

@@ -17,7 +17,7 @@ def gathered(gather, device: torch.device, count: int, taken: bool) -> list[torc
     """Both statistics after two views of the first `count` of every other of 300 Gaussians, 50 of them sky;
     pulls are NaN if not taken."""
     generator = torch.Generator().manual_seed(0)
-    gaussians = Gaussians.of({"means": torch.zeros(300, 3)}, sky=50).to(device)
+    gaussians = Gaussians.of({"means": torch.zeros(300, 3)}, sky_count=50).to(device)
     gaussians.gradient_sum += 1
     rows = torch.arange(0, 300, 2, device=device)[:count]
     for _ in range(2):
@@ -33,7 +33,7 @@ def gathered(gather, device: torch.device, count: int, taken: bool) -> list[torc
 
 
 def test_rows_of_minus_one_are_skipped():
-    gaussians = Gaussians.of({"means": torch.zeros(5, 3)}, sky=0).to(DEVICE)
+    gaussians = Gaussians.of({"means": torch.zeros(5, 3)}, sky_count=0).to(DEVICE)
     rows, one = torch.tensor([1, 4, -1, -1], device=DEVICE), torch.ones(2, device=DEVICE)
     density_statistics_cuda.gather(
         gaussians, rows, torch.ones(4, 2, device=DEVICE), one, torch.tensor(True, device=DEVICE)

@@ -14,7 +14,7 @@ def test_new_gaussians_start_without_history_and_do_not_change_the_others(gaussi
     for name, tensor in gaussians.tensors().items():
         if not name.startswith("parameters"):
             tensor.fill_(1)
-    solid, born = gaussians.solid, {name: tensor[:3].clone() for name, tensor in gaussians.parameters.items()}
+    solid, born = gaussians.solid_count, {name: tensor[:3].clone() for name, tensor in gaussians.parameters.items()}
     gaussians.insert(born)
     for name, tensor in gaussians.tensors().items():
         if not name.startswith("parameters"):

@@ -47,7 +47,7 @@ def test_lone_and_coinciding_points_have_a_size(tmp_path):
 
 
 def test_the_skys_discs_face_the_scene(gaussians):
-    sky = gaussians.splats[gaussians.solid :]
+    sky = gaussians.splats[gaussians.solid_count :]
     outwards = torch.nn.functional.normalize(sky.means, dim=1)
     torch.testing.assert_close(rotations(sky.quaternions)[:, :, 2], outwards, rtol=0, atol=1e-5)
     assert (sky.log_scales.argmin(dim=1) == 2).all()

@@ -61,7 +61,8 @@ def as_out_of_memory(problem: BaseException) -> WegsError | None:
         return WegsError(
             "The memory of the GPU ran out.", f"{LESS_MEMORY}, or use the CPU: set CUDA_VISIBLE_DEVICES=-1."
         )
-    if isinstance(problem, MemoryError) or of_opencv or "allocate memory" in of_torch:
+    of_threads = "can't start new thread" in of_torch  # each takes a stack
+    if isinstance(problem, MemoryError) or of_opencv or "allocate memory" in of_torch or of_threads:
         return WegsError("There is not enough memory.", f"{LESS_MEMORY}, or raise --memory if it is set.")
     return None
 

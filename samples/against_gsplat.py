@@ -29,9 +29,9 @@ from core.errors import BadInput
 from core.evaluation import lpips
 from core.evaluation.protocols import Distance, measure
 from core.looks.held_out_views import over_views
-from core.looks.trained import TrainedRun, load_run
+from core.looks.trained import TrainedRun
+from core.pipeline.opened import open_run
 from core.report import Report
-from core.run import run_folders
 from core.system.atomic import write_json
 from core.system.outputs import check_file
 from core.training.sized_photos import SizedPhotos
@@ -55,7 +55,7 @@ from wegs_cli.terminal import Terminal
 @arguments.json_file
 def main(run_folder: Path | None, lengths: tuple[int, ...], sh_degree: int | None, file: Path | None) -> None:
     """Compare RUN (default: the newest) with gsplat."""
-    trained = load_run(run_folders.find_run(run_folder))
+    trained = open_run(run_folder, Terminal())
     gsplat = usable_peer(trained)
     if file:
         check_file(file)

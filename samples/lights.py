@@ -40,9 +40,9 @@ from core.evaluation import metrics
 from core.export.pictures import to_8_bit
 from core.looks.find_look import find_look, look_of_photo
 from core.looks.refined_look import refined
-from core.looks.trained import Look, TrainedRun, bake, blend, drawn, load_run, neutral_look
+from core.looks.trained import Look, TrainedRun, bake, blend, drawn, neutral_look
+from core.pipeline.opened import open_run
 from core.report import Report
-from core.run import run_folders
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from core.system.atomic import write_bytes
@@ -94,7 +94,7 @@ def main(
     force: bool,
 ) -> None:
     """Draw the looks of RUN (default: the newest)."""
-    trained = load_run(run_folders.find_run(run_folder))
+    trained = open_run(run_folder, Terminal())
     lights, output = None if output or styles else Path("lights.jpg"), output or Path("styles.jpg")
     if output.suffix.lower() not in (".jpg", ".jpeg"):
         raise BadInput(f"{output} is not named like a JPEG.", "End it in .jpg.")
@@ -113,6 +113,8 @@ def main(
     seen_from = [trained.collection.photo(view) for view in views or (None,)]
     for style in styles:
         find_look(trained, style, refine=False)  # refuses it before others are refined
+        if grid and style != "neutral":
+            source(trained, style)
         if not (grid or renders or Path(style).is_file()):
             raise BadInput(
                 f"{style} is no photo that could be drawn beside its look.", "Give a path, or add --renders."

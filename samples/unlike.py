@@ -59,7 +59,10 @@ SMALL_PX = 64  # width of the picture from which a photo's mean colour is taken
 @arguments.resolution()
 def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: int | str) -> None:
     """Train SCENE without the photos of one light and show it these."""
-    collection = without(load_collection(scene), by)
+    whole = load_collection(scene)
+    if not len(whole.points):
+        raise BadInput(f"{scene} has no points.", "Give the folder NAME-scene that `wegs train` keeps beside its run.")
+    collection = without(whole, by)
     settings = arguments.settings_of(preset_name, steps, resolution=resolution)
     with Terminal() as terminal, tempfile.TemporaryDirectory() as folder:
         trained = train(collection, settings, Path(folder), terminal)

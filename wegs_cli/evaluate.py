@@ -40,6 +40,10 @@ def evaluate(run_folders, protocol, no_refine, pictures, curve) -> None:
         raise BadSetting("Several runs were given.", "Measure one at a time, or add --curve to draw them together.")
     if curve and pictures:
         raise BadSetting("--curve draws figures, and --pictures keeps renders.", "Type one of them.")
+    if curve and no_refine and protocol:
+        raise BadSetting(
+            "--curve --no-refine draws the training alone, which has no protocol.", "Leave --protocol out."
+        )
 
     from core import pipeline
     from wegs_cli.terminal import Terminal

@@ -48,6 +48,10 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
     """
     if resume:
         _refuse_what_resuming_ignores(scene, output)
+    elif force and output is None:
+        raise BadSetting(
+            "--force replaces the run that -o names, and there is no -o.", "Add -o, or leave --force out for a new run."
+        )
     settings = None if resume else settings_from(preset_name, config, assignments, typed)
 
     from core import pipeline

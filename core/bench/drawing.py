@@ -71,16 +71,18 @@ def draw_png(figure: Figure) -> bytes:
         width, height = PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows + MARGIN_INCHES
         canvas = Canvas(figsize=(width + LEGEND_INCHES if is_full else width, height), dpi=DPI, layout="constrained")
         agg = FigureCanvasAgg(canvas)  # its own, so that no window system is asked for
-        canvas.suptitle(figure.title, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
+        canvas.suptitle(figure.title, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
         axes = canvas.subplots(rows, columns, squeeze=False).flatten()
         for axis, panel in zip(axes, figure.panels, strict=False):
             _draw_panel(axis, figure, panel)
-        legend = axes[0].get_legend_handles_labels()
+        curves = axes[0].get_legend_handles_labels()
         if is_full:
-            canvas.legend(*legend, loc="outside right upper")
+            legend = canvas.legend(*curves, loc="outside right upper")
         else:
             axes[-1].axis("off")
-            axes[-1].legend(*legend, loc="upper left", fontsize=10, labelspacing=0.8)
+            legend = axes[-1].legend(*curves, loc="upper left", fontsize=10, labelspacing=0.8)
+        for text in legend.get_texts():  # a run may be called $_$
+            text.set_parse_math(False)
         facts = "   ".join(f"{name} {value}" for name, value in figure.made_on.items())
         canvas.supxlabel("\n".join([*figure.notes, facts]), x=0.01, ha="left", fontsize=7.5, color=FAINT)
         agg.draw()  # places the axes: only then it is known which labels would overlap
@@ -104,7 +106,8 @@ def _draw_panel(axis: "Axes", figure: Figure, panel: Panel) -> None:
         points = [point for point in points if point in shown]
         colour, marker = COLOURS[row % len(COLOURS)], MARKERS[row % len(MARKERS)]
         axis.errorbar(
-            *places(points), xerr=_bars(points, x), yerr=_bars(points, y), label=curve,
+            *places(points), xerr=_bars(points, x), yerr=_bars(points, y),
+            label=f" {curve}" if curve.startswith("_") else curve,  # matplotlib hides those that begin so
             color=colour, marker=marker, ms=5, lw=1.2, elinewidth=0.9, capsize=1.5, alpha=0.9, zorder=3,
         )  # fmt: skip
     if front := figure.front(panel):

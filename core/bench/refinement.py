@@ -6,7 +6,6 @@ what they are scored on.
 """
 
 import time
-from collections import deque
 from functools import partial
 from itertools import islice
 
@@ -74,14 +73,15 @@ def refinement_figure(
         quantities.append(Quantity(f"gain_{protocol}", f"{protocol}: dB gained", more_is_better=True))
         quantities.append(Quantity(f"psnr_{protocol}", f"{protocol}: PSNR, dB", more_is_better=True))
         panels += [Panel("steps", f"gain_{protocol}", labelled=False), Panel("seconds", f"gain_{protocol}")]
-    made = made_on(next(iter(trained.values())).settings.seed)
+    made = made_on(*sorted({run.settings.seed for run in trained.values()}))
     return Figure("refinement", title, tuple(quantities), tuple(panels), tuple(points), made, NOTES)
 
 
 def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str, float]]:
     """The quantities after each number of steps in MEASURED."""
     fit, seen = fit_of(subject, view, protocol), subject.seen_by(view.camera)
-    deque(islice(refining(subject, fit), 2), maxlen=0)  # not measured, because the very first step loads the kernels
+    for _ in islice(refining(subject, fit), 2):
+        pass  # not measured, because the very first step loads the kernels
     course: list[dict[str, float]] = []
     seconds, since = 0.0, time.perf_counter()
     for step, look in enumerate(refining(subject, fit)):

@@ -14,7 +14,7 @@ from core.bench.rendering import rendering_figure
 from core.bench.training import Course, checks, training_figure
 from core.config import Settings
 from core.data.collection import Collection, spread_over
-from core.data.made import CURVES, scene_beside
+from core.data.made import scene_beside
 from core.data.prepare import prepared
 from core.errors import BadInput
 from core.evaluation import PROTOCOLS
@@ -114,8 +114,10 @@ def bench(
                 finish(baking_figure(trained, size.views, report, size.budget))
             if "training" in names:
                 finish(training_figure(courses, title, notes))
-            if "refinement" in names and _can_be_refined(trained, report):
-                finish(refinement_figure({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report))
+            if "refinement" in names:
+                figure = _refinement({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report)
+                if figure is not None:
+                    finish(figure)
     if not figures:
         raise BadInput("There was nothing to measure.", "Take another --only, or a run with looks.")
     _remove_older(output, replaced, figures, report)
@@ -131,20 +133,18 @@ def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, rep
     """
     found = [run_folders.find_run(path) for path in runs or (None,)]
     folders = list({folder.resolve(): folder for folder in found}.values())
-    run_folders.check_writable(folders[0] / CURVES)
+    run_folders.check_writable(folders[0] / run_folders.CURVES)
     courses = _courses_of(folders)
     title = f"Training: {', '.join(course.name for course in courses)}"
     figures = [training_figure(courses, title, ELSEWHERE)]
-    live = ((course.name, open_run(course.folders[0], report)) for course in (courses if refine else ()))
-    trained = {name: one for name, one in live if _can_be_refined(one, report)}
-    if trained:
-        try:
-            figures.append(refinement_figure(trained, protocols, FULL.photos, report))
-        except BadInput as problem:  # for example if photos are gone, which the histories do not need
-            report.warn(f"Nothing is drawn of the refinement: {problem}")
-    _remove_older(folders[0] / CURVES, FIGURES, figures, report)
+    if refine:
+        trained = {course.name: open_run(course.folders[0], report) for course in courses}
+        figure = _refinement(trained, protocols, FULL.photos, report)
+        if figure is not None:
+            figures.append(figure)
+    _remove_older(folders[0] / run_folders.CURVES, FIGURES, figures, report)
     for figure in figures:
-        _keep(figure, folders[0] / CURVES, report)
+        _keep(figure, folders[0] / run_folders.CURVES, report)
     return figures
 
 
@@ -208,11 +208,19 @@ def _courses_of(folders: list[Path]) -> list[Course]:
     return [Course(name, (folder,)) for name, folder in zip(names, folders, strict=True)]
 
 
-def _can_be_refined(trained: TrainedRun, report: Report) -> bool:
-    """Whether the run has looks to refine; reports it if not."""
-    if not trained.has_looks:
-        report.say(f"{trained.folder}: trained without appearance, so there is no look to refine.")
-    return trained.has_looks
+def _refinement(
+    trained: dict[str, TrainedRun], protocols: tuple[str, ...], photos: int, report: Report
+) -> Figure | None:
+    """As `refinement_figure`, of those runs that have looks; None, and told why, if nothing can be drawn."""
+    for name, run in trained.items():
+        if not run.has_looks:
+            report.say(f"{name}: trained without appearance, so there is no look to refine.")
+    if with_looks := {name: run for name, run in trained.items() if run.has_looks}:
+        try:
+            return refinement_figure(with_looks, protocols, photos, report)
+        except BadInput as problem:  # for example if photos are gone, which the histories do not need
+            report.warn(f"Nothing is drawn of the refinement: {problem}")
+    return None
 
 
 def _fixed_rendering(size: Size, report: Report) -> Figure:

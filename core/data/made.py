@@ -13,13 +13,6 @@ from core.words import list_names
 
 CONFIG = "config.json"  # of a run
 MADE_OF = "photos.json"  # of a scene made of plain photos: these files
-# What other layers write into a run. Named here, as core.run.run_folders, which deletes it all when a run is replaced,
-# cannot import them. EVALUATED: by protocol.
-MASKS, LOOKS, PICTURES, CURVES = "masks", "appearance", "pictures", "curves"
-EVALUATED = {
-    "half": ("results.json", "per_view.json", "sheet.png"),
-    "full": ("results_full.json", "per_view_full.json", "sheet_full.png"),
-}
 FADE = ("frame_*.png", "sheet.png", "step_*.ply", "video.mp4")  # what an interpolation writes, the first two always
 
 

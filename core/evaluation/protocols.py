@@ -166,8 +166,10 @@ def check_protocol(protocol: str) -> None:
 def regions(view: HeldOutView, protocol: str) -> tuple[slice, slice]:
     """The columns of the photo that give the look, and those that are scored.
 
-    Raises BadInput for a photo that is too narrow to be halved or has no valid pixel in one of them.
+    Raises BadSetting for an unknown protocol, and BadInput for a photo that is too narrow to be halved or has no valid
+    pixel in one of them.
     """
+    check_protocol(protocol)
     width = view.picture.shape[1]
     fitted = scored = slice(0, width)
     if protocol == "half":

@@ -10,12 +10,13 @@ from typing import Any
 
 import core
 from core.appearance.refinement import LATER_STEPS, STEPS
-from core.data.made import EVALUATED, read_mark
-from core.evaluation import PROTOCOLS, WAYS, lpips
+from core.data.made import read_mark
+from core.evaluation import PROTOCOLS, RESULT_FILES, WAYS, lpips
 from core.evaluation.metrics import PSNR_KIND, SSIM_KIND
 from core.evaluation.protocols import ViewResult
 from core.system.atomic import write_json
 
+FORMS = {"psnr": "PSNR {:.2f} dB", "ssim": "SSIM {:.3f}", "lpips": "LPIPS {:.3f}"}
 REFINEMENT_KIND = (
     f"Adam, L1 of means over cells: {STEPS} steps of the tone and the weights that the embedding gives, "
     "or of the embedding where it gives none; "
@@ -45,8 +46,8 @@ class Results:
     steps: int
     training_seconds: float
     evaluation_seconds: float
-    white_background: bool = False
-    has_looks: bool = True
+    white_background: bool
+    has_looks: bool
 
     def means(self) -> dict[str, dict[str, dict[str, float | None]]]:
         """Means over the photos: [photo | clean | clean_right][zero_shot | refined][psnr | ssim | lpips].
@@ -72,15 +73,15 @@ class Results:
 
     def rows(self) -> list[tuple[str, str]]:
         """The means as rows of a table: (what was compared with, which look; figures)."""
-        rows, of_lpips = [], "LPIPS {:.3f} (lower is better)"
+        rows: list[tuple[str, str]] = []
         for against, by_look in self.means().items():
             if against == "clean" and self.protocol == "half":
                 against = "clean, whole picture"
             for look, figures in by_look.items():
-                forms = {"psnr": "PSNR {:.2f} dB", "ssim": "SSIM {:.3f}", "lpips": of_lpips}
-                words = [form.format(figures[name]) for name, form in forms.items() if figures[name] is not None]
+                words = [form.format(figures[name]) for name, form in FORMS.items() if figures[name] is not None]
+                if not rows and figures["lpips"] is not None:
+                    words[-1] += " (lower is better)"
                 rows.append((f"{against}, {WAYS[look]}" if self.has_looks else against, "  ".join(words)))
-                of_lpips = "LPIPS {:.3f}"
         overlap = self.mask_iou()
         return rows if overlap is None else [*rows, ("mask IoU", f"{overlap:.3f}")]
 
@@ -112,15 +113,15 @@ class Results:
 
     def save(self, folder: Path) -> None:
         """Write the means and the figures of each photo into `folder`, each file whole or not at all."""
-        means, per_view, _ = EVALUATED[self.protocol]
-        write_json(folder / means, _plain(self.to_json()))
-        write_json(folder / per_view, _plain([asdict(view) for view in self.views]))
+        names = RESULT_FILES[self.protocol]
+        write_json(folder / names.means, _plain(self.to_json()))
+        write_json(folder / names.per_view, _plain([asdict(view) for view in self.views]))
 
 
 def measured_earlier(folder: Path, run: str, step: int) -> list[str]:
     """The names of results in a run folder that were not measured on the run of this identity at this step."""
-    now = {"run": run, "steps": step}
-    return [name for name, *_ in EVALUATED.values() if not now.items() <= (now | read_mark(folder / name)).items()]
+    of = {files.means: read_mark(folder / files.means) for files in RESULT_FILES.values()}
+    return [name for name, facts in of.items() if facts and (facts.get("run"), facts.get("steps")) != (run, step)]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

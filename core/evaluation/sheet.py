@@ -44,6 +44,7 @@ class Row:
 
     line: str
     look: str | None
+    masked: bool
     tiles: tuple[UInt8[np.ndarray, "h w 3"], ...]
 
 
@@ -51,14 +52,14 @@ def row_of(view: ViewPictures, note: str) -> Row:
     """The row of a view. note: text beside its name, such as its figures."""
     masks = () if view.mask is None else (_mask_picture(view.mask, tile_size(view.photo)),)
     tiles = tile(view.photo), tile(view.render), *masks, tile(error_picture(view.photo, view.render))
-    return Row(f"{view.name}  {note}", view.look, tiles)
+    return Row(f"{view.name}  {note}", view.look, view.mask is not None, tiles)
 
 
 def picture_sheet(rows: Sequence[Row], protocol: str, step: int) -> UInt8[np.ndarray, "sheet_h sheet_w 3"]:
     """A line of titles, then all rows, each above its line of text; RGB.
     The rows of one run all have masks, or none has."""
     looks = " or ".join(dict.fromkeys(WAYS[row.look] for row in rows if row.look))
-    columns = titles(protocol, step, looks, masked=len(rows[0].tiles) == 4)
+    columns = titles(protocol, step, looks, rows[0].masked)
     return labelled_sheet(columns, [(row.line, row.tiles) for row in rows])
 
 

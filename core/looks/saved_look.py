@@ -10,11 +10,10 @@ from torch import Tensor
 
 from core.appearance.colouring import EVEN, Colouring
 from core.data.collection import Collection
-from core.data.made import LOOKS
 from core.data.photos.names import composed
 from core.errors import BadInput, BadSetting
 from core.looks.trained import NEUTRAL, Look
-from core.run.run_folders import check_writable
+from core.run.run_folders import LOOKS, check_writable
 from core.system.atomic import write_json
 from core.system.device import CPU
 from core.words import counted

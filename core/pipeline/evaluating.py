@@ -1,16 +1,15 @@
 """A trained run and its held-out photos -> figures: what `wegs eval` does."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from statistics import fmean
 
 from core.data.collection import Photo, spread_over
-from core.data.made import EVALUATED, PICTURES
 from core.data.photos.names import is_file, png_paths
 from core.errors import BadInput
-from core.evaluation import WAYS, lpips
+from core.evaluation import RESULT_FILES, WAYS, lpips
 from core.evaluation.protocols import ViewPictures, ViewResult, check_protocol, measure
 from core.evaluation.results import Results
 from core.evaluation.sheet import Row, picture_sheet, pictures_kept, row_of, write_view
@@ -54,12 +53,13 @@ def evaluate(
     else:
         distance.to(trained.device)
     start = time.perf_counter()
-    kept = trained.folder / PICTURES / protocol
+    kept = trained.folder / run_folders.PICTURES / protocol
     with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:
         measured = over_views(
             trained, photos, lambda view: measure(trained, view, protocol, refine, distance), "Photos", report
         )
-        views, rows, scale = _gathered(measured, png_paths(photo.name for photo in photos), work)
+        on_sheet = spread_over([photo.name for photo in photos if is_file(photo.path)], MOST_ROWS)
+        views, rows, scale = _gathered(measured, on_sheet, png_paths(photo.name for photo in photos), work)
         check_same_run(trained.folder, trained.identity)
     results = Results(
         protocol=protocol,
@@ -82,13 +82,14 @@ def evaluate(
     if not keep_pictures and kept.exists():
         report.warn(f"{kept} is of an earlier call: --pictures replaces it")
     report.table(f"Held-out quality, protocol {protocol}", results.rows())
-    *figures, sheet = EVALUATED[protocol]
+    names = RESULT_FILES[protocol]
     with adding(trained.folder) as files:
         results.save(files)
-        write_png(files / sheet, picture_sheet(rows, protocol, trained.step))
-    written = [*figures, sheet if len(rows) == len(views) else f"{sheet} (of {counted(len(rows), 'photo')})"]
+        write_png(files / names.sheet, picture_sheet(rows, protocol, trained.step))
+    some = "" if len(rows) == len(views) else f" (of {counted(len(rows), 'photo')})"
+    written = [names.means, names.per_view, f"{names.sheet}{some}"]
     if keep_pictures:
-        written.append(f"{PICTURES}/{protocol}/")
+        written.append(f"{run_folders.PICTURES}/{protocol}/")
     report.say(f"{trained.folder}: {', '.join(written)}")
     return results
 
@@ -96,7 +97,7 @@ def evaluate(
 def _check_outputs(folder: Path, protocol: str) -> None:
     """Raise BadInput unless the figures can be written into the run."""
     run_folders.check_writable(folder)
-    for path in (folder / name for name in EVALUATED[protocol]):
+    for path in (folder / name for name in RESULT_FILES[protocol]):
         if path.is_dir():
             raise BadInput(f"{path} is a folder, where a file is to be written.", "Move it away.")
 
@@ -120,16 +121,23 @@ def _what_is_measured(trained: TrainedRun, photos: tuple[Photo, ...], protocol: 
 
 
 def _gathered(
-    measured: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]], paths: dict[str, Path], work: Path | None
+    measured: Iterable[tuple[Photo, tuple[ViewResult, ViewPictures]]],
+    on_sheet: Sequence[str],
+    paths: dict[str, Path],
+    work: Path | None,
 ) -> tuple[tuple[ViewResult, ...], list[Row], float]:
-    """The figures of each photo, at most MOST_ROWS rows of the sheet, of photos evenly spread, and the mean scale of
-    the photos (1: as on disk). paths: of the pictures, by photo. work: where to write them, if at all."""
-    views, rows, scales = [], [], []
-    on_sheet = set(spread_over(list(paths), MOST_ROWS))
+    """The figures of each photo, the rows of the sheet, and the mean scale of the photos (1: as on disk).
+
+    on_sheet: the photos that have a row; where these turn out to be damaged, another has one. paths: of the pictures,
+    by photo. work: where to write them, if at all.
+    """
+    views: list[ViewResult] = []
+    rows: list[Row] = []
+    scales: list[float] = []
     for photo, (result, pictures) in measured:
         views.append(result)
         scales.append(result.width / photo.camera.width)
-        if photo.name in on_sheet:
+        if photo.name in on_sheet or not rows:
             figures = (
                 f"{WAYS[look]} {score.psnr:.2f} dB" if pictures.look else f"{score.psnr:.2f} dB"
                 for look, score in result.scores["photo"].items()

@@ -7,7 +7,7 @@ from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
 from core.data.collection import Collection
 from core.data.given_masks import check_masks, with_same_masks
-from core.data.made import MASKS, scene_beside
+from core.data.made import scene_beside
 from core.data.photos.folder import list_photos
 from core.data.prepare import prepared
 from core.errors import BadInput, DiskFull, as_disk_full, command
@@ -186,7 +186,7 @@ def _write_results(trainer: Trainer, report: Report) -> None:
         ("neutral look", f"{neutral} ({neutral.stat().st_size / 1e6:.1f} MB)"),
     ]
     if masks:
-        rows.append(("masks", str(folder / MASKS)))
+        rows.append(("masks", str(folder / run_folders.MASKS)))
     if preview:
         rows.append(("to look at", str(preview)))
     report.table("Done", rows)

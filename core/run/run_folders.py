@@ -11,8 +11,9 @@ from pathlib import Path
 
 from core.config import Settings
 from core.data.collection import Collection
-from core.data.made import CONFIG, CURVES, EVALUATED, LOOKS, MASKS, PICTURES, fault_of_mark, read_mark
+from core.data.made import CONFIG, fault_of_mark, read_mark
 from core.errors import BadInput
+from core.evaluation import RESULT_FILES
 from core.run import checkpoint, history, viewer_files
 from core.run.decision import Decision
 from core.run.run_config import write_config
@@ -21,13 +22,14 @@ from core.system.lock import taken
 from core.system.outputs import check_folder, check_named_as_folder, files_in
 
 PREVIEW = "preview.png"
+MASKS, LOOKS, PICTURES, CURVES = "masks", "appearance", "pictures", "curves"  # folders in it
 RUNS = Path("runs")
 CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
 # All that a run may have written but its checkpoints, and so all else that --force may delete. What makes it a run goes
 # last: where deleting is stopped on the way, --force is taken again.
 OURS = (
     "cfg_args", "cameras.json", "input.ply", "point_cloud", checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
-    history.FILE, MASKS, PREVIEW, *(name for names in EVALUATED.values() for name in names),
+    history.FILE, MASKS, PREVIEW, *(name for names in RESULT_FILES.values() for name in names),
     CONFIG,
 )  # fmt: skip
 

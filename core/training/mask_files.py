@@ -7,10 +7,10 @@ import numpy as np
 import torch
 
 from core.appearance.model import AppearanceModel
-from core.data.made import MASKS
 from core.data.photos.names import png_paths
 from core.export.pictures import write_png
 from core.report import QUIET, Report
+from core.run.run_folders import MASKS
 from core.training.sized_photos import SizedPhotos
 
 

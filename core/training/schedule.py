@@ -48,10 +48,12 @@ def begun(settings: Settings, progress: float) -> tuple[bool, ...]:
 
 
 def densification_steps(settings: Settings) -> list[int]:
-    """The steps after which Gaussians are pruned and grown, ascending and distinct."""
+    """The steps after which Gaussians are pruned and grown, ascending and distinct;
+    never the last step, after which nothing that grew could learn."""
     first, last = settings.densify_from * settings.steps, settings.densify_until * settings.steps
     rounds = settings.densify_rounds
-    return sorted({max(1, round(first + (last - first) * i / max(rounds - 1, 1))) for i in range(rounds)})
+    steps = {max(1, round(first + (last - first) * i / max(rounds - 1, 1))) for i in range(rounds)}
+    return sorted(steps - {settings.steps})
 
 
 def contribution_steps(settings: Settings) -> set[int]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from core.data.collection import spread_over
@@ -64,9 +65,7 @@ def find_sightings(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Sighting
         _in_photo(number, sized, positions, rays[:, number], matched[:, number], degrees[:, number])
         for number, sized in enumerate(photos)
     ]
-    return Sightings(
-        *(np.concatenate(columns) for columns in zip(*(vars(part).values() for part in parts), strict=True))
-    )
+    return Sightings(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
@@ -146,8 +145,10 @@ def _in_photo(
     if len(rows):
         rows = rows[matched[rows] | ~_is_hidden(rows, pixels, depths, inside, FRONT_RADIUS * diagonal)]
     blurred = cv2.GaussianBlur(sized.pixels.astype(np.float32) / 255, (0, 0), BLUR * diagonal)
-    x, y = (pixels[rows] - 0.5).astype(np.float32).T[:, None]
-    colours = cv2.remap(blurred, x, y, cv2.INTER_LINEAR).reshape(-1, 3) if len(rows) else np.zeros((0, 3), np.float32)
+    at = (pixels[rows] - 0.5)[:, ::-1].T
+    colours = np.stack(
+        [map_coordinates(channel, at, order=1, mode="nearest") for channel in np.moveaxis(blurred, 2, 0)], 1
+    )
     if (opaque := sized.opaque) is not None:
         column, line = pixels[rows].astype(np.int64).T
         shown = opaque[line, column]

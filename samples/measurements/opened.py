@@ -4,13 +4,14 @@ from pathlib import Path
 
 from core.data.collection import Photo
 from core.errors import BadInput
-from core.looks.trained import TrainedRun, load_run
-from core.run import run_folders
+from core.looks.trained import TrainedRun
+from core.pipeline.opened import open_run
+from wegs_cli.terminal import Terminal
 
 
 def opened(folder: Path | None) -> tuple[TrainedRun, tuple[Photo, ...]]:
     """The run (default: the newest) and its held-out photos; BadInput where it has no looks or no such photos."""
-    trained = load_run(run_folders.find_run(folder))
+    trained = open_run(folder, Terminal())
     if not trained.has_looks:
         raise BadInput(
             f"{trained.folder} has one look only: nothing is read from photos.",

@@ -178,6 +178,17 @@ def test_no_label_stands_nearer_to_another_point(monkeypatch):
     assert nearest == {name: name for name in ("0 steps", "128 steps", "160 steps", "192 steps")}
 
 
+def test_runs_are_drawn_by_their_names_whatever_these_are(monkeypatch):
+    """matplotlib sets what stands between two dollars as mathematics, and hides labels that begin with "_"."""
+    from matplotlib.legend import Legend
+
+    drawn, draw = [], Legend.draw
+    monkeypatch.setattr(Legend, "draw", lambda legend, *given: (drawn.extend(legend.get_texts()), draw(legend, *given)))
+    made = figure(point("x", 0.1, 1e-3, "a$_$b"), point("x", 0.2, 1e-3, "_old"), point("x", 0.3, 1e-3, "$5 to $6"))
+    assert files.draw_png(replace(made, title="Training: $_$")).startswith(b"\x89PNG")
+    assert {"a$_$b", "_old", "$5 to $6"} <= {text.get_text().strip() for text in drawn}
+
+
 def test_values_below_zero_stay_where_they_are():
     """Only a logarithmic axis has a floor: a loss of 3 dB must not be drawn as none."""
     from core.bench.drawing import _floor, _place

@@ -35,6 +35,12 @@ def test_the_course_begins_and_ends_with_the_figures_of_the_evaluation(trained):
         assert seconds == sorted(seconds) and seconds[0] > 0
 
 
+def test_the_seeds_of_all_runs_are_stated(trained):
+    other = replace(trained, settings=trained.settings.changed(seed=trained.settings.seed + 3))
+    made = refinement_figure({"a": other, "b": trained}, ("full",), 1, Report())
+    assert made.made_on["seed"] == f"{trained.settings.seed}, {other.settings.seed}"
+
+
 def test_a_damaged_photo_is_named_and_the_others_are_measured(trained):
     heard, photos = Heard(), list(trained.collection.photos)
     tests = [index for index, photo in enumerate(photos) if photo.split == "test"]

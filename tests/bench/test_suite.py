@@ -194,6 +194,17 @@ def test_without_checks_on_the_way_the_rest_is_measured(small_run, tmp_path):
     )
 
 
+def test_where_no_held_out_photo_can_be_read_no_older_refinement_stays(small_run, tmp_path, monkeypatch):
+    trained, heard = load_run(small_run), Heard()
+    photos = tuple(replace(photo, path=tmp_path / "gone.png") for photo in trained.collection.photos)
+    moved = replace(trained, collection=replace(trained.collection, photos=photos))
+    monkeypatch.setattr(suite, "open_run", lambda *_: moved)
+    (tmp_path / "refinement.csv").write_text("of another run")
+    figures = suite.bench(None, small_run, ("training", "refinement"), False, tmp_path, heard, force=True)
+    assert [figure.name for figure in figures] == ["training"] and not (tmp_path / "refinement.csv").exists()
+    assert any(line.startswith("! Nothing is drawn of the refinement: ") for line in heard.lines)
+
+
 def test_a_folder_that_cannot_be_made_is_refused_before_the_minutes(tmp_path, monkeypatch):
     """For root, the system may say that a folder can be written in where it cannot, as in /proc."""
     monkeypatch.setattr(suite, "_fixed_rendering", lambda *_: pytest.fail("it was measured first"))

@@ -42,7 +42,7 @@ def invoke(*arguments: str):
     return CliRunner().invoke(wegs, list(arguments))
 
 
-LOOK = {"folder": None, "word": "a.jpg", "output": Path("a.ply")}
+LOOK = {"folder": None, "appearance": "a.jpg", "output": Path("a.ply")}
 HERE = {"scene": Path("."), "settings": Settings()}
 BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "output": Path("bench")}
 
@@ -82,7 +82,7 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         (
             "bake --appearance neutral -o a.ply --run r --force --save-appearance x",
             "bake_to_file",
-            LOOK | {"folder": Path("r"), "word": "neutral", "force": True, "save_as": "x"},
+            LOOK | {"folder": Path("r"), "appearance": "neutral", "force": True, "save_as": "x"},
         ),
         ("bake --appearance a.jpg -o a.ply --no-refine", "bake_to_file", LOOK | {"refine": False}),
         ("interpolate a b --no-refine", "interpolate", {"folder": None, "first": "a", "last": "b", "refine": False}),
@@ -109,10 +109,11 @@ BENCH = {"scene": None, "run_folder": None, "names": FIGURES, "full": False, "ou
         ),
         ("eval --curve", "curves", {"runs": (), "protocols": ("half", "full"), "refine": True}),
         (
-            "eval --curve --run a --run b --protocol full --no-refine",
+            "eval --curve --run a --run b --protocol full",
             "curves",
-            {"runs": (Path("a"), Path("b")), "protocols": ("full",), "refine": False},
+            {"runs": (Path("a"), Path("b")), "protocols": ("full",), "refine": True},
         ),
+        ("eval --curve --no-refine", "curves", {"runs": (), "protocols": ("half", "full"), "refine": False}),
         ("bench", "bench", BENCH),
         (
             "bench plaza --only baking --only training --full -o d --force",
@@ -156,6 +157,15 @@ def test_a_run_given_as_a_scene_is_refused_with_the_right_command(asked, tmp_pat
     Path("runs/a b/config.json").write_text('{"wegs": "0.1.0"}')
     result = invoke("train", "--resume", "runs/a b")
     assert result.exit_code == 1 and "Type: wegs train --resume -o 'runs/a b'" in result.stderr and asked == []
+
+
+@pytest.mark.parametrize(
+    "line, told",
+    [("train plaza --force", "there is no -o"), ("eval --curve --no-refine --protocol full", "Leave --protocol out")],
+)
+def test_an_option_that_would_have_no_effect_is_refused(asked, line, told):
+    result = invoke(*line.split())
+    assert result.exit_code == 1 and told in result.stderr and asked == []
 
 
 def test_several_runs_are_measured_one_at_a_time(asked):

@@ -201,7 +201,7 @@ def test_truth_is_read_at_the_size_wanted(tmp_path):
 
 
 def results(*views, **changes):
-    made = Results("half", views, "abc", 9, 50, len(views), 0.5, None, 7, 1500, 90.0, 4.0)
+    made = Results("half", views, "abc", 9, 50, len(views), 0.5, None, 7, 1500, 90.0, 4.0, False, True)
     return dataclasses.replace(made, **changes)
 
 

@@ -18,6 +18,7 @@ from core.errors import BadInput, BadSetting, WegsError, disk_full
 from core.evaluation import lpips, protocols
 from core.evaluation.lpips import Lpips
 from core.looks import held_out_views
+from core.looks.trained import load_run
 from core.pipeline import baking, evaluating
 from core.run import checkpoint
 from core.run.claim import held
@@ -25,6 +26,7 @@ from tests.evaluation.test_lpips import made_weights
 from tests.failing import failing
 from tests.heard import Heard
 from tests.pipeline.conftest import STEPS
+from tests.small import damage
 
 
 def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
@@ -58,6 +60,18 @@ def test_the_sheet_shows_some_of_many_photos_and_says_so(trained, monkeypatch):
     results = pipeline.evaluate(trained[0], report=heard, refine=False)
     assert cv2.imread(str(trained[0] / "sheet.png")).shape[0] < height and len(results.views) == 2
     assert heard.lines[-1].endswith("per_view.json, sheet.png (of 1 photo)")
+
+
+def test_the_sheet_shows_photos_that_can_be_read(trained, tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluating, "MOST_ROWS", 1)
+    live, heard = load_run(trained[0]), Heard()
+    first = next(photo for photo in live.collection.photos if photo.split == "test")
+    for lost in (replace(first, path=tmp_path / "gone.png"), damage(first)):
+        photos = tuple(lost if photo is first else photo for photo in live.collection.photos)
+        broken = replace(live, collection=replace(live.collection, photos=photos))
+        monkeypatch.setattr(evaluating, "open_run", lambda *_, broken=broken: broken)
+        assert len(pipeline.evaluate(trained[0], report=heard, refine=False).views) == 1
+    assert sum(line.endswith("per_view.json, sheet.png") for line in heard.lines) == 2
 
 
 def test_pictures_of_an_earlier_call_are_reported_as_such(trained, tmp_path):

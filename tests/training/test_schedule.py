@@ -28,6 +28,12 @@ def test_schedules_are_fractions_of_the_steps():
     assert min(schedule.contribution_steps(late)) > schedule.densification_steps(late)[-1]
 
 
+def test_nothing_grows_after_the_last_step():
+    to_the_end = whole_settings(steps=100, densify_from=0.5, densify_until=1.0, densify_rounds=3)
+    assert schedule.densification_steps(to_the_end) == [50, 75]
+    assert schedule.densification_steps(to_the_end.changed(steps=1)) == []
+
+
 def test_what_no_photo_needs_is_removed_twice_during_a_long_growth():
     growth = {"densify_from": 0.2, "densify_until": 0.6}
     long = whole_settings(steps=6000, densify_rounds=8, **growth)

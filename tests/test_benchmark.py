@@ -52,7 +52,7 @@ def test_each_lap_times_the_part_it_is_named_after(monkeypatch, appearance, tran
         monkeypatch.setattr(kernel, "backward", staticmethod(noted))
     trainer.step()
     assert [what for what in happened if what != "everything else"] == expected + (
-        END if trainer.optimizer else ["SH transfer backward", "Adam"]
+        END if trainer.optimizer.learners else ["SH transfer backward", "Adam"]
     )
 
 

@@ -171,11 +171,10 @@ def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted
     with threads_for_blocks():
         both = seen.in_cells(photo.weight).sums(look), sums
         shown, wanted = (
-            (each / counted[:, None].clamp_min(1e-6)).T.reshape(3, *grid(photo.camera.height, photo.camera.width))
-            for each in both
+            (each / counted[:, None].clamp_min(1e-6)).T.reshape(3, *grid(*photo.weight.shape)) for each in both
         )
         static = 1 - excess(shown, wanted) / LARGEST_EXCESS
-    return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.camera, counted.device)])
+    return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.weight)])
 
 
 def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:

@@ -2,7 +2,7 @@
 which photo each belongs to, and whether it fits."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import log
 from pathlib import Path
@@ -37,13 +37,30 @@ def check_masks(folder: Path, photos: Sequence[str]) -> None:
     if not any(path.suffix.lower() in SUFFIXES for path in folder.rglob("*")):
         raise BadInput(f"{folder} holds no pictures.", fix)
     if photos:
-        listed = _by_stem(folder)
-        fitting = [
-            listed[stem][0] for name in photos for stem in names_without_suffixes(composed(name)) if stem in listed
-        ]
-        if not fitting:
+        masks = _masks_of(photos, {Path(): _by_stem(folder)})
+        if not masks:
             raise _none_fits(folder, photos[0])
-        _check_usable(fitting[:TRIED])
+        _check_usable(list(masks.values())[:TRIED])
+
+
+def _masks_of(photos: Sequence[str], listed: Mapping[Path, dict[str, list[Path]]]) -> dict[str, Path]:
+    """The mask of each of the photos, by name, that has one. listed: `_by_stem` of each folder, relative to that of the
+    masks. Raises BadInput for two masks of one photo."""
+    called = {relative_path(each) for name in photos for each in names_without_suffixes(composed(name))}
+    masks = {}
+    for photo in photos:
+        name = relative_path(composed(photo))
+        stems = names_without_suffixes(name.name)  # the first one found counts
+        folders = listed[relative_path(photo).parent], listed[Path()]
+        fitting = next((found[stem] for found in folders for stem in stems if stem in found), [])
+        if len(fitting) > 1 and all(name.with_name(composed(mask.name)) in called for mask in fitting):
+            # Of photos whose names differ in the suffix alone.
+            fitting = [mask for mask in fitting if composed(mask.name) in stems]
+        if len(fitting) > 1:
+            raise BadInput(f"{fitting[0]} and {fitting[1].name} are masks of one photo.", "Remove one of them.")
+        if fitting:
+            masks[photo] = fitting[0]
+    return masks
 
 
 def _check_usable(masks: Sequence[Path]) -> None:
@@ -77,20 +94,7 @@ def with_masks_in(collection: Collection, folder: Path) -> Collection:
         path: _by_stem(folder / path)
         for path in {Path(), *(relative_path(photo.name).parent for photo in collection.photos)}
     }
-    masks = {}
-    names = {relative_path(composed(photo.name)) for photo in collection.photos}
-    for photo in collection.photos:
-        name = relative_path(composed(photo.name))
-        folders = listed[relative_path(photo.name).parent], listed[Path()]
-        stems = names_without_suffixes(name.name)  # the first one found counts
-        fitting = next((found[stem] for found in folders for stem in stems if stem in found), [])
-        if len(fitting) > 1 and all(name.with_name(composed(mask.name)) in names for mask in fitting):
-            # Of photos whose names differ in the suffix alone.
-            fitting = [mask for mask in fitting if composed(mask.name) == name.name]
-        if len(fitting) > 1:
-            raise BadInput(f"{fitting[0]} and {fitting[1].name} are masks of one photo.", "Remove one of them.")
-        if fitting:
-            masks[photo.name] = fitting[0]
+    masks = _masks_of([photo.name for photo in collection.photos], listed)
     unused = sorted(
         {path for found in listed.values() for paths in found.values() for path in paths} - set(masks.values())
     )

@@ -33,3 +33,8 @@ SUM_G, SUM_GE, SUM_GEE, SUM_GY, SUM_GEY, SUM_GYY = 0, 1, 2, 3, 4, 5  # g, g e, g
 SUM_RED, SUM_GREEN, SUM_BLUE = 6, 7, 8  # w v
 SLOT_COLUMNS = 9
 SUM_COLOUR = slice(SUM_RED, SUM_BLUE + 1)
+
+
+def tiles_along(pixels: int) -> int:
+    """How many tiles a side of so many pixels has; at its end they may be cut off."""
+    return (pixels + TILE - 1) // TILE

@@ -99,12 +99,10 @@ class ReferenceRasterizer(Rasterizer):
     @torch.no_grad()
     def shares(self, splats: Splats, camera: Camera, weight: Float[Tensor, "h w"]) -> Shares:
         rows, projection = projected(splats, camera)
-        shape = math.prod(grid(camera.height, camera.width)), len(splats)
+        shape = math.prod(grid(*weight.shape)), len(splats)
         shares = projection.opacities.new_zeros(shape)
         chunks = pixel_chunks(camera, len(rows), projection.centres)
-        pixel_weights, pixel_cells = (
-            each.flatten().split(len(chunks[0])) for each in (weight, cell_of_pixels(camera, weight.device))
-        )
+        pixel_weights, pixel_cells = (each.flatten().split(len(chunks[0])) for each in (weight, cell_of_pixels(weight)))
         for pixels, of_pixels, cells in zip(chunks, pixel_weights, pixel_cells):
             weights, _ = blend_weights(pixels, projection.centres, projection.conics, projection.opacities)
             shares.index_put_((cells[:, None], rows), of_pixels[:, None] * weights, accumulate=True)

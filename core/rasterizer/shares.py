@@ -14,9 +14,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from core.rasterizer.layout import TILE
-from core.scene.camera import Camera
-from core.scene.cells import CELL_PX, cell_of_pixels, grid
+from core.rasterizer.layout import TILE, tiles_along
+from core.scene.cells import CELL_PX, grid
 
 TILE_CELLS = TILE // CELL_PX  # per side
 
@@ -67,7 +66,6 @@ class _Product(torch.autograd.Function):
 
 
 def shares_of_slots(
-    camera: Camera,
     weight: Float[Tensor, "h w"],
     count: int,
     owners: Int[Tensor, " slots"],
@@ -78,23 +76,23 @@ def shares_of_slots(
 
     owners, tiles: of the slots. count: of all Gaussians. colour_gradients: the gradients of the slots' colours from
     that of the picture. As a picture is linear in the colours, these are sums of shares. Each channel asks for one cell
-    of every tile, by its place within the tile.
+    of every tile, by its number within the tile.
     """
-    rows, columns = grid(camera.height, camera.width)
-    tiles_across = -(-columns // TILE_CELLS)
-    cells = cell_of_pixels(camera, weight.device)
-    place_of_pixels = cells // columns % TILE_CELLS * TILE_CELLS + cells % columns % TILE_CELLS
+    rows, columns = grid(*weight.shape)
+    tiles_across = tiles_along(weight.shape[1])
+    y, x = (torch.arange(side, device=weight.device) // CELL_PX % TILE_CELLS for side in weight.shape)
+    cell_in_tile = y[:, None] * TILE_CELLS + x
     found = []
     for first in range(0, TILE_CELLS**2, 3):
-        places = range(first, min(first + 3, TILE_CELLS**2))
+        cells = range(first, min(first + 3, TILE_CELLS**2))
         asked = weight.new_zeros(*weight.shape, 3)
-        for channel, place in enumerate(places):
-            asked[..., channel] = weight * (place_of_pixels == place)
+        for channel, cell in enumerate(cells):
+            asked[..., channel] = weight * (cell_in_tile == cell)
         sums = colour_gradients(asked)
-        for channel, place in enumerate(places):
+        for channel, cell in enumerate(cells):
             slots = sums[:, channel].nonzero()[:, 0]
-            row = TILE_CELLS * (tiles[slots] // tiles_across) + place // TILE_CELLS
-            column = TILE_CELLS * (tiles[slots] % tiles_across) + place % TILE_CELLS
+            row = TILE_CELLS * (tiles[slots] // tiles_across) + cell // TILE_CELLS
+            column = TILE_CELLS * (tiles[slots] % tiles_across) + cell % TILE_CELLS
             found.append((row * columns + column, owners[slots].long(), sums[slots, channel]))
     entry_cells, entry_gaussians, values = map(torch.cat, zip(*found))
     return Shares(entry_cells, entry_gaussians, values, (rows * columns, count))

@@ -5,8 +5,6 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from core.scene.camera import Camera
-
 CELL_PX = 8  # per side
 
 
@@ -15,10 +13,10 @@ def grid(height: int, width: int) -> tuple[int, int]:
     return -(-height // CELL_PX), -(-width // CELL_PX)
 
 
-def cell_of_pixels(camera: Camera, device: torch.device) -> Int[Tensor, "h w"]:
-    """The cell of each pixel."""
-    _, columns = grid(camera.height, camera.width)
-    y, x = (torch.arange(side, device=device) // CELL_PX for side in (camera.height, camera.width))
+def cell_of_pixels(picture: Float[Tensor, "h w"]) -> Int[Tensor, "h w"]:
+    """The cell of each pixel of such a picture."""
+    _, columns = grid(*picture.shape)
+    y, x = (torch.arange(side, device=picture.device) // CELL_PX for side in picture.shape)
     return y[:, None] * columns + x
 
 

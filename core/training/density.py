@@ -107,4 +107,4 @@ class DensityControl:
             on_progress(index + 1, len(self.photos))
 
     def _progress(self, done: int, what: str) -> OnProgress:
-        return within_step(done - 1, what, self.settings, self.report)
+        return within_step(done, what, self.settings, self.report)

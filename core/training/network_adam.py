@@ -43,7 +43,7 @@ class NetworkAdam:
 
     @property
     def learners(self) -> list[Learner]:
-        """Of all groups."""
+        """All of them, group by group."""
         return [learner for group in self.groups for learner in group]
 
     def zero_grad(self) -> None:

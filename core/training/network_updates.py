@@ -12,8 +12,8 @@ from core.training import guards, schedule
 from core.training.network_adam import NetworkAdam
 
 
-def optimizer_of(model: nn.Module, settings: Settings) -> NetworkAdam | None:
-    """The optimizer of all weights of the model; None for a model without weights."""
+def optimizer_of(model: nn.Module, settings: Settings) -> NetworkAdam:
+    """The optimizer of all weights of the model, which has none in a run without looks and masks."""
     rates = {
         "encoder.unet": settings.network_rate,
         "encoder": settings.encoder_rate,
@@ -23,13 +23,12 @@ def optimizer_of(model: nn.Module, settings: Settings) -> NetworkAdam | None:
     for name, weight in model.named_parameters():
         rate = next((rate for part, rate in rates.items() if name.startswith(part)), settings.network_rate)
         groups.setdefault(rate, []).append(weight)
-    return NetworkAdam(groups) if groups else None
+    return NetworkAdam(groups)
 
 
-def rates_at(optimizer: NetworkAdam | None, progress: float) -> list[float]:
+def rates_at(optimizer: NetworkAdam, progress: float) -> list[float]:
     """The learning rate of each group of weights at this progress of the run."""
-    rates = [] if optimizer is None else optimizer.rates
-    return [schedule.decayed(rate, progress, schedule.NETWORK_RATE_DECAY) for rate in rates]
+    return [schedule.decayed(rate, progress, schedule.NETWORK_RATE_DECAY) for rate in optimizer.rates]
 
 
 @contextmanager
@@ -55,12 +54,12 @@ def encoder_backward_beside(
     (started[0] if started else work)()
 
 
-def update(optimizer: NetworkAdam | None, rates: Iterable[float | Tensor], taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
+def update(optimizer: NetworkAdam, rates: Iterable[float | Tensor], taken: Bool[Tensor, ""]) -> Bool[Tensor, ""]:
     """One step of the optimizer if the training step is `taken` and all gradients are finite; returns whether.
 
     rates: of each group; on a GPU tensors () there, like everything that a recorded step reads.
     """
-    if optimizer is None:
+    if not optimizer.learners:
         return taken
     learned = taken & guards.finite((learner.weight.grad for learner in optimizer.learners), taken.device)
     if not guards.known_invalid(learned):

@@ -10,7 +10,7 @@ def tell_progress(done: int, settings: Settings, note: str, report: Report) -> N
     report.progress("Training", done, settings.steps, note, schedule.time_through(settings, done))
 
 
-def within_step(done: int, what: str, settings: Settings, report: Report) -> OnProgress:
-    """Shows in the bar's note how far `what` is, in the step after `done` others:
+def within_step(step: int, what: str, settings: Settings, report: Report) -> OnProgress:
+    """A callback that shows in the bar's note how far `what` is, at the end of step `step`;
     on large collections it can take a minute."""
-    return lambda seen, views: tell_progress(done, settings, f"{what}: view {seen} of {views}", report)
+    return lambda seen, views: tell_progress(step - 1, settings, f"{what}: view {seen} of {views}", report)

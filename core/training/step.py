@@ -101,7 +101,7 @@ class Stepper:
     settings: Settings
     photos: SizedPhotos
     model: AppearanceModel
-    optimizer: NetworkAdam | None
+    optimizer: NetworkAdam
     objective: Objective
     rasterizer: Rasterizer
     generator: torch.Generator
@@ -175,8 +175,7 @@ class Stepper:
         """The step itself. Its facts are one tensor, so that they are read back at once:
         those of StepFacts, then `InView.needed`."""
         model, objective = self.model, self.objective
-        if self.optimizer is not None:
-            self.optimizer.zero_grad()
+        self.optimizer.zero_grad()
 
         # Beside the search for the visible Gaussians: the encoder reads the photo, and then the gauge is computed.
         def read_photo() -> tuple[Reading, Target]:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -136,12 +136,20 @@ class Trainer:
             on_progress(number, len(self.photos))
 
     def _stepper(self) -> Stepper:
-        given = self.settings, self.photos, self.model, self.optimizer, self.objective, self.rasterizer, self.generator
-        if not self.on_cuda_kernels:
-            return Stepper(*given)
-        from core.training.step_cuda import StepperOnGpu  # Triton, which a machine without a GPU need not have
+        stepper_of: Callable[..., Stepper] = Stepper
+        if self.on_cuda_kernels:
+            from core.training.step_cuda import StepperOnGpu  # Triton, which not every machine has
 
-        return StepperOnGpu(*given)  # type: ignore[arg-type]  # its rasterizer is the CUDA one
+            stepper_of = StepperOnGpu
+        return stepper_of(
+            settings=self.settings,
+            photos=self.photos,
+            model=self.model,
+            optimizer=self.optimizer,
+            objective=self.objective,
+            rasterizer=self.rasterizer,
+            generator=self.generator,
+        )
 
     # --- the loop
 
@@ -301,12 +309,11 @@ class Trainer:
         parts = {
             "gaussians": self.gaussians.tensors(),
             "model": self.model.state_dict(),
+            "optimizer": self.optimizer.tensors(),
             "random": {"generator": self.generator.get_state()},
         }
-        if self.optimizer is not None:
-            parts["optimizer"] = self.optimizer.tensors()
         if self.state.done == self.settings.steps and len(self.model.met_embeddings):
-            on_progress = within_step(self.state.done - 1, "looks", self.settings, self.report)
+            on_progress = within_step(self.state.done, "looks", self.settings, self.report)
             parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(self._encoder_inputs(on_progress))))
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
         photos = [sized.photo.name for sized in self.photos]
@@ -327,7 +334,6 @@ class Trainer:
         self._forget_gaussians()
         self.gaussians = gaussians.to(self.device)
         self.model.load_state_dict(saved.part("model"))
-        if self.optimizer is not None:
-            self.optimizer.restore(saved.part("optimizer"))
+        self.optimizer.restore(saved.part("optimizer"))
         self.generator.set_state(saved.tensors["random.generator"])
         self.state, self.last_losses = state, guards.LastLosses(state.last_losses)

@@ -87,5 +87,5 @@ def watch_step(trainer: Trainer, stopwatch: Stopwatch) -> None:
         "Adam",
         before="encoder backward" if trainer.model.encoder else "SH transfer backward",
     )
-    if trainer.optimizer is not None:
+    if trainer.optimizer.learners:
         watch(trainer.optimizer, "step", "Adam", before="Adam")

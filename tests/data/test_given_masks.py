@@ -176,6 +176,22 @@ def test_photos_that_differ_in_their_suffixes_alone_each_have_the_mask_of_their_
     assert masks_of(found.photos) == [*wanted, None, None, None, None]
 
 
+def test_what_structure_from_motion_calls_a_photo_changes_none_of_its_masks(collection, tmp_path):
+    """Beside an a.jpg, it makes an a.png.jpg of an a.png."""
+    names = ["a.jpg", "a.png.jpg", "b.png", "c.png", "d.png", "e.png"]
+    photos = tuple(replace(photo, name=name) for photo, name in zip(collection.photos, names, strict=True))
+    wanted = [save_mask(tmp_path / "masks" / name) for name in ("a.jpg", "a.png")]
+    check_masks(tmp_path / "masks", ["a.jpg", "a.png"])
+    assert masks_of(with_masks_in(replace(collection, photos=photos), tmp_path / "masks").photos[:2]) == wanted
+
+
+def test_two_masks_of_one_photo_are_refused_before_cameras_are_found(tmp_path):
+    for name in ("0.jpg", "0.png"):
+        save_mask(tmp_path / name)
+    with pytest.raises(BadInput, match="0.jpg and 0.png are masks of one photo|0.png and 0.jpg are masks of one photo"):
+        check_masks(tmp_path, ["0.jpg"])
+
+
 def test_a_mask_of_another_shape_is_no_mask_of_the_photo(collection, tmp_path):
     # The first half the size, as near as whole pixels are.
     for number, sides in {0: (17, 24), 1: (8, 99), 3: (48, 36)}.items():

@@ -114,7 +114,7 @@ class _Reading:
                     self.faults.add("with a mask_path that is no name, used whole", label)
                 mask = self.find(mask) if isinstance(mask, str) else None
                 photos[path] = PosedPhoto(str(path), path, lens.camera, rotation, centre, mask=mask)
-                if mask is None and is_file(path.with_name(f"dynamic_mask_{path.stem}.png")):
+                if mask is None and is_file(path.parent / f"dynamic_mask_{path.stem}.png"):
                     self.faults.add(DYNAMIC_MASK, label)
                 if isinstance(image_id := frame.get("colmap_im_id"), int):
                     self.image_ids[path] = image_id

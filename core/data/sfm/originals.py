@@ -4,7 +4,7 @@ the files, what the scene calls them, and their lenses."""
 from pathlib import Path
 
 from core.data.made import MADE_OF, read_mark, stamp
-from core.data.photos.distortion import colmap_camera
+from core.data.photos.distortion import colmap_camera, is_sound
 from core.data.photos.folder import list_photos
 from core.data.placing import is_usual
 from core.scene.lens import Lens
@@ -43,7 +43,12 @@ def lenses_of(scene: Path) -> dict[str, Lens]:
     """The lenses through which the photos were taken, by the scene's names;
     empty for a scene that wegs did not make."""
     found = read_mark(scene / LENSES) if (scene / MADE_OF).is_file() else {}
-    return {name: Lens(**lens) for name, lens in found.items() if isinstance(lens, dict) and LENS <= lens.keys()}
+    lenses = {
+        name: Lens(**{field: value for field, value in facts.items() if field in (*LENS, "orientation")})
+        for name, facts in found.items()
+        if isinstance(facts, dict) and LENS <= facts.keys()
+    }
+    return {name: lens for name, lens in lenses.items() if is_sound(lens)}
 
 
 def placed_of(scene: Path) -> tuple[int, int, int] | None:

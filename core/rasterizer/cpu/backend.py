@@ -74,7 +74,7 @@ class CpuRasterizer(Rasterizer):
             return torch.from_numpy(gradients)
 
         owners, tiles = torch.from_numpy(lists.owners()), torch.from_numpy(lists.tiles())
-        return shares_of_slots(camera, weight, len(splats), owners, tiles, colour_gradients)
+        return shares_of_slots(weight, len(splats), owners, tiles, colour_gradients)
 
 
 class _Render(torch.autograd.Function):
@@ -157,7 +157,7 @@ def tile_lists(arrays: list[np.ndarray], rows: np.ndarray, probe: np.ndarray, ca
     """Project these rows of the Gaussians and sort them into tiles, front to back.
     arrays: in the order of Splats' fields."""
     view, count = View.of(camera), len(rows)
-    tiles = -(-camera.width // layout.TILE) * -(-camera.height // layout.TILE)
+    tiles = layout.tiles_along(camera.width) * layout.tiles_along(camera.height)
     footprints = np.empty((count, layout.FOOTPRINT_COLUMNS), dtype=np.float32)
     depths = np.empty(count, dtype=np.float32)
     tile_counts = np.empty(count, dtype=np.int32)

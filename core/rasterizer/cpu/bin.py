@@ -10,7 +10,7 @@ import numpy as np
 from core.kernels.compiled import exact_kernel, exact_part
 from core.kernels.simd import prefetch
 from core.rasterizer import layout
-from core.rasterizer.cpu.footprint import touched_columns, touched_rows
+from core.rasterizer.cpu.footprint import tiles_along, touched_columns, touched_rows
 
 DIGIT_BITS = 11  # three passes for 32 bits; a pass's cursors stay in the first-level cache
 DIGITS = 1 << DIGIT_BITS
@@ -84,7 +84,7 @@ def fill_lists(from_behind, order, footprints, slot_starts, tile_starts, size, e
     The nearer half of the Gaussians fills the lists from the front, the farther one, `from_behind`, from their ends,
     farthest first. So two threads can work at once, and the lists are the same as if one had.
     """
-    columns = (size[0] + layout.TILE - 1) // layout.TILE
+    columns = tiles_along(size[0])
     half = len(order) // 2
     if from_behind:
         cursors = tile_starts[1:] - 1

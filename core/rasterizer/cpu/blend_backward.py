@@ -40,6 +40,7 @@ from core.rasterizer.cpu.blend import (
     clamped,
     write_row_terms,
 )
+from core.rasterizer.cpu.footprint import tiles_along
 from core.rasterizer.layout import TILE
 
 # What a chunk keeps: transmittances (negative when finished, as in the forward pass), S, and the three gradients v.
@@ -55,7 +56,7 @@ def blend_backward(
 
     Takes tiles as `blend_forward` does.
     """
-    columns = (image.shape[1] + TILE - 1) // TILE
+    columns = tiles_along(image.shape[1])
     state = np.empty(CHUNKS * STATE, np.float32)
     terms = np.empty(BATCH * ROW_TERMS, np.float32)
     moments = np.empty(LANES, np.float32)

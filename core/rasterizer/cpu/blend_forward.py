@@ -29,6 +29,7 @@ from core.rasterizer.cpu.blend import (
     touched_chunks,
     write_row_terms,
 )
+from core.rasterizer.cpu.footprint import tiles_along
 from core.rasterizer.layout import TILE
 
 # What a chunk keeps, side by side: its eight transmittances, negative when finished (see `blended`), then red, green
@@ -50,7 +51,7 @@ def blend_forward(
     empty where it is not wanted.
     """
     height, width = image.shape[:2]
-    columns = (width + TILE - 1) // TILE
+    columns = tiles_along(width)
     state = np.empty(CHUNKS * STATE, np.float32)
     terms = np.empty(BATCH * ROW_TERMS, np.float32)
     for number in range(len(taken)):

@@ -5,8 +5,10 @@ import math
 import numpy as np
 
 from core.kernels.compiled import exact_part
+from core.rasterizer import layout
 from core.rasterizer.layout import HALF_HEIGHT, HALF_WIDTH, LEAN, SLOPE, TILE, X, Y
 
+tiles_along = exact_part(layout.tiles_along)
 # Rounding of centres far outside the picture. Generous bounds cost a test, narrow ones a pixel.
 SLACK_PX = 0.01
 

@@ -12,6 +12,7 @@ from core.kernels.compiled import kernel, part
 from core.rasterizer import layout
 from core.rasterizer.contract import ALPHA_MIN, BLUR_PX2, LEAST_LOGIT, LOG2_ALPHA_MIN, LOG_SCALE_RANGE, NEAR
 from core.rasterizer.cpu.bin import add_to_loads
+from core.rasterizer.cpu.footprint import tiles_along
 from core.rasterizer.cpu.harmonics import colour, fill_basis, is_finite
 from core.rasterizer.cpu.vectors import cross, dot, row, scaled, subtract
 from core.rasterizer.layout import HALF_LOG2_E
@@ -195,7 +196,7 @@ def project(
     block, to which it adds how many of the Gaussians touch each tile. probe: (V, 2) float32, added to the centres (px),
     or empty.
     """
-    columns = (size[0] + layout.TILE - 1) // layout.TILE
+    columns = tiles_along(size[0])
     for index in range(begin, end):
         i = rows[index]
         tile_counts[index] = 0

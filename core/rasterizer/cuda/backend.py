@@ -131,7 +131,7 @@ class CudaRasterizer(Rasterizer):
             gradients, blended_slots = gradients_of_slots(prepared, drawn, image_gradient)
             return torch.where(blended_slots[:, None] != 0, gradients[:, layout.SUM_COLOUR], 0)
 
-        return shares_of_slots(camera, weight, len(splats), lists.owners, tiles, colour_gradients)
+        return shares_of_slots(weight, len(splats), lists.owners, tiles, colour_gradients)
 
     def _parameters(self, splats: Splats) -> list[Tensor]:
         self._check(splats)
@@ -202,7 +202,7 @@ class Prepared:
     @property
     def columns(self) -> int:
         """Tiles across the picture."""
-        return -(-self.width // layout.TILE)
+        return layout.tiles_along(self.width)
 
 
 def prepare(parameters: Sequence[Tensor], probe: Tensor | None, camera: Camera, known: Known | None = None) -> Prepared:

@@ -93,7 +93,7 @@ def tile_lists(
     order: Tensor, slot_starts: Tensor, footprints: Tensor, view: Tensor, width: int, height: int, slots: int
 ) -> TileLists:
     """The lists of a picture of `width` by `height` px; slots: their number, slot_starts[-1], or more."""
-    columns, rows = (-(-size // layout.TILE) for size in (width, height))
+    columns, rows = layout.tiles_along(width), layout.tiles_along(height)
     tiles = columns * rows
     key = torch.int16 if tiles <= TILES_OF_16_BITS else torch.int32
     slot_tiles = torch.full((slots,), tiles, dtype=key, device=order.device)

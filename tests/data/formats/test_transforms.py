@@ -218,6 +218,11 @@ def test_frames_that_are_wrong_are_named_and_the_others_used(scene, fault, words
     assert any(re.search(words, note.text) for note in collection.notes), collection.notes
 
 
+def test_a_folder_in_place_of_a_photo_is_missing(scene):
+    collection = load_collection(changed(scene, lambda facts: facts["frames"][1].update(file_path="/")))
+    assert len(collection.photos) == 3 and notes_with(collection, "1 photo of transforms.json missing in ")
+
+
 def test_a_file_without_a_usable_frame_is_refused(scene):
     changed(scene, lambda facts: [spoil("camera_model", "EQUIRECTANGULAR")(frame) for frame in facts["frames"]])
     with pytest.raises(

@@ -4,7 +4,7 @@ it is found again after the file was moved, unless it changed or could be anothe
 import os
 
 from core.data.made import stamp
-from core.data.sfm.originals import MADE_OF, NAMES, files_of, is_made_of, name_in
+from core.data.sfm.originals import LENSES, MADE_OF, NAMES, files_of, is_made_of, lenses_of, name_in
 from core.system.atomic import write_json
 
 
@@ -37,3 +37,15 @@ def test_links_to_files_of_one_name_are_told_apart(tmp_path):
     assert is_made_of(scene, files_of(photos))
     (photos / "a.jpg").unlink()
     assert not is_made_of(scene, files_of(photos))
+
+
+def test_damaged_lenses_are_left_out(tmp_path):
+    sound = {"model": "SIMPLE_PINHOLE", "width": 160, "height": 120, "params": [150.0, 80.0, 60.0]}
+    lenses = {
+        "a.jpg": sound | {"note": "hi"},
+        "b.jpg": sound | {"model": "TELESCOPE"},
+        "c.jpg": sound | {"params": ["x"]},
+    }
+    write_json(tmp_path / MADE_OF, {})
+    write_json(tmp_path / LENSES, lenses | {"d.jpg": 7, "e.jpg": {"model": "PINHOLE"}})
+    assert list(lenses_of(tmp_path)) == ["a.jpg"] and lenses_of(tmp_path)["a.jpg"].params == sound["params"]

@@ -176,23 +176,34 @@ def test_an_interrupted_evaluation_leaves_the_pictures_that_were_there(scene, tm
     folder = pipeline.train(scene, small_settings(steps=STEPS), tmp_path / "run")
     pictures = folder / "pictures" / "half"
 
+    def there():
+        return {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob("pictures/**/*.*")}
+
     def interrupted(*arguments):
         write_view(*arguments)
         raise KeyboardInterrupt
 
-    write_view = evaluating.write_view
-    with monkeypatch.context() as patch:
-        patch.setattr(evaluating, "write_view", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+    def interrupt():
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(evaluating, "write_view", interrupted)
             pipeline.evaluate(folder, refine=False, keep_pictures=True)
+
+    write_view = evaluating.write_view
+    interrupt()
     assert not list(folder.glob("pictures/*"))
-    (pictures / "color" / "sub").mkdir(parents=True)
+    pipeline.evaluate(folder, refine=False, keep_pictures=True)
+    (pictures / "color" / "photo_2.png").write_bytes(b"of before")
+    (pictures / "color" / "sub").mkdir()
     (pictures / "color" / "sub" / "gone.png").touch()  # a photo of an earlier evaluation
+    before = there()
+    interrupt()
+    assert there() == before
     pipeline.evaluate(folder, refine=False, keep_pictures=True)
     assert sorted(str(path.relative_to(pictures)) for path in pictures.rglob("*.*")) == [
         *(f"{part}/photo_{number}.png" for part in ("color", "gt-color") for number in (2, 5)),
         "info.json",
     ]
+    assert (pictures / "color" / "photo_2.png").read_bytes() != b"of before"
 
 
 def test_results_of_an_earlier_step_are_named_when_a_run_is_resumed(scene, tmp_path):

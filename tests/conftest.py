@@ -1,9 +1,11 @@
-"""What holds for every test: two threads, as on the smallest machine that is supported, and the same random numbers.
+"""What holds for every test: two threads, as on the smallest machine that is supported, and the same random numbers,
+and no network.
 
 Without a GPU the CUDA kernels run by Triton's interpreter, on the CPU.
 """
 
 import os
+import socket
 from importlib.util import find_spec
 
 import pytest
@@ -20,6 +22,27 @@ if not torch.cuda.is_available():
         from tests import interpreter
 
         interpreter.hasten()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_network():
+    """wegs downloads nothing. Only processes of this machine may be reached, as multiprocessing does."""
+
+    def checked(connect):
+        def connected(self, address):
+            assert self.family == getattr(socket, "AF_UNIX", None), f"a connection to {address}"
+            return connect(self, address)
+
+        return connected
+
+    def looked_up(host, *_, **__):
+        raise AssertionError(f"the address of {host} was asked for")
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("connect", "connect_ex"):
+            patch.setattr(socket.socket, name, checked(getattr(socket.socket, name)))
+        patch.setattr(socket, "getaddrinfo", looked_up)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -1,5 +1,6 @@
 """A run on the table: a sound one is sound, what is wrong is named; and what the command line says."""
 
+import os
 import shutil
 from contextlib import nullcontext
 from pathlib import Path
@@ -258,3 +259,12 @@ def test_without_a_path_the_newest_run_is_examined(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput, match="There is no run"):
         examine(None, Heard())
+    taken = []
+    monkeypatch.setattr("core.doctor.examine_run", lambda path, _: taken.append(path) or [])
+    for name, begun in (("a", 1e9), ("b", 1e9 + 5), ("c", 1e9)):
+        config = tmp_path / "runs" / name / "config.json"
+        config.parent.mkdir(parents=True)
+        config.write_text('{"wegs": "0.1.0"}', encoding="utf-8")
+        os.utime(config, (begun, begun))
+    examine(None, heard := Heard())
+    assert taken == [Path("runs/b")] and heard.lines[-1].startswith("runs/b: ")

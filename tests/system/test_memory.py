@@ -58,9 +58,7 @@ def test_the_command_line_sets_the_limit(soft_limit_put_back):
 
 
 def test_cached_targets_take_a_share_of_the_memory_that_there_is(monkeypatch):
-    share = sized_photos.TARGET_SHARE * 8 * memory.GIB
-    assert share < sized_photos.TARGET_BYTES
-    for gib, most in ((None, sized_photos.TARGET_BYTES), (50, sized_photos.TARGET_BYTES), (8, share)):
+    for gib, most in ((None, 3_000_000_000), (50, 3_000_000_000), (8, 2 * memory.GIB)):  # as the README says
         monkeypatch.setattr(memory, "room", lambda gib=gib: gib and gib * memory.GIB)
         assert sized_photos.SizedPhotos((), sized_photos.Sizes(1, 64))._most_bytes == most
 

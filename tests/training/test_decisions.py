@@ -176,11 +176,12 @@ def test_steps_and_gaussians_follow_photos_and_pixels_unless_given():
         decided, _ = decisions.decide(settings, None, sized)
         return decided.steps, decided.max_gaussians
 
-    assert sizes(1, 100) == sizes(20, 768) == (3000, 40_000)
-    assert sizes(40, 100) == (40 * automatic.STEPS_PER_PHOTO, 40_000)
+    # The table in the README.
+    assert sizes(1, 100) == sizes(20, 768) == sizes(25, 100) == (3000, 40_000)
+    assert sizes(40, 100) == (4800, 40_000)
     assert sizes(52, 768) == sizes(85, 100) == (6000, 40_000)
-    assert sizes(200, 100) == (200 * automatic.STEPS_PER_PHOTO_OF_MANY, 200 * automatic.GAUSSIANS_PER_PHOTO)
-    assert sizes(50, 8000) == (6000, 50 * 8000 * 100 // automatic.PIXELS_PER_GAUSSIAN)
+    assert sizes(200, 100) == (14_000, 93_000)
+    assert sizes(50, 8000) == (6000, 80_000)
     assert sizes(200, 8000, steps=5, max_gaussians=7) == (5, 7)
 
 

@@ -42,9 +42,10 @@ GENERATIONS = (75, 80, 86, 89, 90, 100)
     "capability",
     [number if number in USUAL else pytest.param(number, marks=pytest.mark.slow) for number in GENERATIONS],
 )
-def test_kernels_compile_and_spill_nothing(capability):
+def test_kernels_compile_and_spill_nothing(capability, tmp_path):
     command = [sys.executable, "-m", "tests.rasterizer.compiled_kernels", str(capability)]
-    environment = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}
+    environment = {**os.environ, "TRITON_CACHE_DIR": str(tmp_path)}
+    environment.pop("TRITON_INTERPRET", None)
     result = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False
     )

@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,11 @@ from core.system import atomic, lock
 from core.system.atomic import filling, replacing, write_json
 from core.system.outputs import files_in
 from tests.failing import DENIED, failing
+
+
+def stay_fresh(folder: Path) -> None:
+    """As if it had just been made, however slow the machine."""
+    os.utime(folder, (time.time() + 3600,) * 2)
 
 
 def test_a_file_keeps_its_old_content_when_writing_fails(tmp_path):
@@ -140,6 +146,7 @@ def test_what_a_killed_process_left_is_removed_and_what_is_at_work_is_not(tmp_pa
 
     killed, other, foreign = old(".fade.wegs-1"), old(".sheet.wegs-1"), old(".fade.mine")
     (tmp_path / ".fade.wegs-2").mkdir()  # of a process that is about to hold it
+    stay_fresh(tmp_path / ".fade.wegs-2")
     with (
         pytest.raises(BadInput, match="fade exists and is not empty. Add --force"),
         filling(tmp_path / "fade", ("*.png",), False) as first,
@@ -175,6 +182,7 @@ def test_half_a_file_that_a_killed_process_left_is_removed_by_the_next(tmp_path)
 def test_what_a_kill_left_just_before_is_removed_at_the_end(tmp_path):
     killed = tmp_path / ".a.json.wegs-1"
     killed.mkdir()
+    stay_fresh(killed)
     with replacing(tmp_path / "a.json") as work:
         assert killed.exists()
         os.utime(killed, (1e9, 1e9))  # old enough by now

@@ -113,7 +113,7 @@ def test_no_block_is_begun_after_an_exception(threads, fails):
             raised.set()
             raise KeyboardInterrupt
         assert raised.wait(60)
-        time.sleep(0.1)
+        time.sleep(1)  # until the other thread has taken what is left
 
     with pytest.raises(KeyboardInterrupt):
         in_parallel(work, 1000, 1)

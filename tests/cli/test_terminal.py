@@ -14,6 +14,13 @@ from wegs_cli import terminal
 from wegs_cli.terminal import Terminal
 
 
+@pytest.fixture(autouse=True)
+def nothing_set(monkeypatch):
+    """What rich reads of the user's environment, and follows before it looks at what it writes to."""
+    for name in ("FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE", "COLUMNS", "LINES", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+
+
 @pytest.fixture
 def clock(monkeypatch):
     now = [1000.0]

@@ -112,7 +112,7 @@ def test_tsv_beats_test_txt_and_drops_what_it_must(tmp_path):
 
 
 def test_names_in_another_form_of_unicode_are_the_same_names(tmp_path):
-    (tmp_path / "test.txt").write_text("Pl\u00e4tze.jpg\n")
+    (tmp_path / "test.txt").write_text("Pl\u00e4tze.jpg\n", encoding="utf-8")
     splits, notes = split(tmp_path, ["Pla\u0308tze.jpg", "b.jpg"])
     assert splits == {"Pla\u0308tze.jpg": "test", "b.jpg": "train"} and not notes
 

@@ -109,7 +109,6 @@ def test_an_interpolation_reports_each_of_its_looks_on_a_line(trained, tmp_path,
 def test_only_a_run_without_looks_says_that_all_its_looks_are_the_same(trained, tmp_path):
     plain = finished(small_collection(tmp_path), small_settings(steps=1, appearance="off"), tmp_path / "run").folder
     for folder, said in ((trained, False), (plain, True)):
-        heard = Heard()
-        pipeline.bake_to_file(folder, "neutral", tmp_path / f"{said}.ply", heard)
-        pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / f"fade{said}", heard)
-        assert heard.lines.count(f"! {ONE_LOOK}") == 2 * said
+        pipeline.bake_to_file(folder, "neutral", tmp_path / f"{said}.ply", baked := Heard())
+        pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / f"fade{said}", faded := Heard())
+        assert [heard.lines.count(f"! {ONE_LOOK}") for heard in (baked, faded)] == [said, said]

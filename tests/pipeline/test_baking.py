@@ -18,7 +18,6 @@ from core.looks.find_look import find_look
 from core.looks.pruning import Pruned, Pruner
 from core.looks.trained import load_run
 from core.pipeline import baking
-from core.pipeline.opened import ONE_LOOK
 from core.scene.frame import SceneFrame
 from tests.heard import Heard
 from tests.small import small_settings
@@ -57,14 +56,6 @@ def test_what_no_view_would_miss_is_left_out_unless_all_is_kept(trained, tmp_pat
     for prune in (True, False):
         pipeline.bake_to_file(trained[0], "neutral", tmp_path / f"{prune}.ply", heard := Heard(), prune=prune)
         assert any(line.startswith("Left out 7 Gaussians") for line in heard.lines) == prune
-
-
-def test_a_run_of_one_look_says_so(trained, small_scene, tmp_path):
-    alike = pipeline.train(small_scene, small_settings(steps=2, appearance="off"), tmp_path / "alike")
-    for folder in (alike, trained[0]):
-        pipeline.bake_to_file(folder, "neutral", tmp_path / f"{folder.name}.ply", baked := Heard())
-        pipeline.interpolate(folder, *["neutral"] * 2, 2, tmp_path / f"{folder.name}-fade", faded := Heard())
-        assert all((f"! {ONE_LOOK}" in heard.lines) == (folder == alike) for heard in (baked, faded))
 
 
 def test_a_file_that_was_made_meanwhile_is_not_replaced(trained, tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ Without a GPU the CUDA kernels run by Triton's interpreter, on the CPU.
 
 import os
 import socket
+from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 
 import pytest
@@ -58,3 +59,26 @@ def few_steps(monkeypatch):
     """Where it does not matter how far a refinement comes."""
     monkeypatch.setattr("core.appearance.refinement.STEPS", 8)
     monkeypatch.setattr("core.appearance.refinement.LATER_STEPS", 4)
+
+
+@pytest.fixture
+def many_threads(monkeypatch):
+    """Five threads beside the caller's, however few cores there are."""
+    with ThreadPoolExecutor(5) as pool:
+        monkeypatch.setattr("core.system.threads._pool", lambda: pool)
+        yield
+
+
+@pytest.fixture
+def on_threads(many_threads):
+    """A function of some numbers of threads and of work: what work() gives on each of them."""
+
+    def results(numbers, work):
+        found = []
+        for number in numbers:
+            torch.set_num_threads(number)
+            found.append(work())
+            assert torch.get_num_threads() == number
+        return found
+
+    return results

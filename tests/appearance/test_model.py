@@ -100,16 +100,12 @@ def test_a_large_photo_has_the_look_of_its_shrunken_copy():
 
 
 @pytest.mark.parametrize("mask", ["attention", "cnn", "mlp"])
-def test_look_does_not_depend_on_the_number_of_threads(mask):
+def test_look_does_not_depend_on_the_number_of_threads(mask, on_threads):
     model = model_of(encoder_side_px=128, mask=mask)
     photo = torch.rand(3, 128, 171)
-    found = []
-    for threads in (1, 2, 4):
-        torch.set_num_threads(threads)
-        found.append(model.read(photo, 1))
-        assert torch.get_num_threads() == threads
-    for other in found[1:]:
-        assert torch.equal(other.embedding, found[0].embedding) and torch.equal(other.mask, found[0].mask)
+    first, *others = on_threads((1, 2, 4), lambda: model.read(photo, 1))
+    for other in others:
+        assert torch.equal(other.embedding, first.embedding) and torch.equal(other.mask, first.mask)
 
 
 def test_glo_gives_rows_inside_and_the_mean_outside():

@@ -111,16 +111,16 @@ def test_no_gradient_into_means_and_detached_sh(dtype):
     assert inputs["embedding"].grad.abs().sum() > 0
 
 
-def test_bit_identical_on_any_number_of_threads():
+def test_bit_identical_on_any_number_of_threads(on_threads):
     transfer = transfer_of(latent_size=2)
-    found = []
-    for threads in (1, 2, 3, 5):
-        torch.set_num_threads(threads)
-        with threads_for_blocks():  # as training; torch's own products differ by their threads on some processors
-            found.append(values_and_gradients(transfer, inputs_of(transfer, 7 * ROWS + 5)))
-        assert torch.get_num_threads() == threads
-    for other in found[1:]:
-        for name, expected in found[0].items():
+
+    @threads_for_blocks()  # as training; torch's own products differ by their threads on some processors
+    def found():
+        return values_and_gradients(transfer, inputs_of(transfer, 7 * ROWS + 5))
+
+    first, *others = on_threads((1, 2, 3, 5), found)
+    for other in others:
+        for name, expected in first.items():
             assert torch.equal(other[name], expected), name
 
 

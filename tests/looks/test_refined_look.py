@@ -194,11 +194,11 @@ def test_a_photo_is_located_by_pictures_in_its_own_look(trained, tmp_path, name)
     assert refined.source.endswith(" places agree)")
 
 
-def test_a_photo_is_located_alike_by_any_number_of_threads(trained):
-    path, found = trained.collection.photo("4.png").path, []
-    for threads in (1, 2, 3):
-        torch.set_num_threads(threads)
-        found.append(locate(trained, find_look(trained, "4.png", refine=False), path, None, Report()))
+def test_a_photo_is_located_alike_by_any_number_of_threads(trained, on_threads):
+    path = trained.collection.photo("4.png").path
+    found = on_threads(
+        (1, 2, 3), lambda: locate(trained, find_look(trained, "4.png", refine=False), path, None, Report())
+    )
     assert found[0].camera.numbers() == found[1].camera.numbers() == found[2].camera.numbers()
 
 

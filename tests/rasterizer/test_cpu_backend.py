@@ -27,16 +27,17 @@ def results(splats, view, probe=None, known=None):
     return [image.detach(), *gradients]
 
 
-def test_any_number_of_threads_gives_the_same_bits(scene):
+def test_any_number_of_threads_gives_the_same_bits(scene, on_threads, monkeypatch):
     splats, view = scene
-    outcomes = []
-    for threads in (1, 2, 5, 2):  # twice two: what a thread takes first is chance
-        torch.set_num_threads(threads)
-        probe = torch.zeros(len(splats), 2, requires_grad=True)
-        outcome = results(splats, view, probe)
-        outcomes.append(outcome + [create("cpu").contributions(splats, view), create("cpu").visible(splats, view).rows])
-    for other in outcomes[1:]:
-        assert all(torch.equal(a, b) for a, b in zip(outcomes[0], other, strict=True))
+    monkeypatch.setattr("core.rasterizer.cpu.backend.ROWS_PER_BLOCK", 256)
+
+    def everything():
+        found = results(splats, view, torch.zeros(len(splats), 2, requires_grad=True))
+        return found + [create("cpu").contributions(splats, view), create("cpu").visible(splats, view).rows]
+
+    first, *others = on_threads((1, 2, 5, 2), everything)  # twice two: what a thread takes first is chance
+    for other in others:
+        assert all(torch.equal(a, b) for a, b in zip(first, other, strict=True))
 
 
 def test_reusing_what_visible_found_changes_no_bit_in_any_look(scene):

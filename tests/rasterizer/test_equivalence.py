@@ -108,18 +108,15 @@ def test_what_is_culled_has_no_gradient(backend, name):
 
 
 @pytest.mark.parametrize("name", ["random_degree_3", "three_thousand_on_one_pixel", "wide_splats_beside_the_picture"])
-def test_threads_change_nothing(backend, name):
+def test_threads_change_nothing(backend, name, on_threads):
     """Bit for bit, pictures and gradients. On a GPU, where threads run in no order at all,
     it is enough to ask again."""
     if is_interpreted(backend.name):
         pytest.skip("Triton's interpreter runs one program after the other.")
     judge = verdict(SCENES[name])
-    results = []
-    for threads in (1, 2, 3):
-        torch.set_num_threads(threads)
-        results.append(outcome(backend, judge.scene, torch.float32, judge.cotangent))
-    for other in results[1:]:
-        assert torch.equal(other.image, results[0].image)
-        assert torch.equal(other.contributions, results[0].contributions)
-        for parameter, gradient in results[0].gradients.items():
+    first, *others = on_threads((1, 2, 3), lambda: outcome(backend, judge.scene, torch.float32, judge.cotangent))
+    for other in others:
+        assert torch.equal(other.image, first.image)
+        assert torch.equal(other.contributions, first.contributions)
+        for parameter, gradient in first.gradients.items():
             assert torch.equal(other.gradients[parameter], gradient), parameter

@@ -13,7 +13,7 @@ from core.system.threads import beside, in_parallel, mapped_in_parallel, one_tor
 
 
 @pytest.fixture(params=[1, 2, 4])
-def threads(request):
+def threads(request, many_threads):
     torch.set_num_threads(request.param)
     return request.param
 
@@ -37,15 +37,18 @@ def test_every_row_exactly_once(threads, rows):
 @pytest.mark.parametrize("most", [None, 1])
 def test_results_stand_in_the_order_of_the_items(threads, most):
     """The first takes longest; with `most` of one, all of them on the calling thread."""
-    places = set()
+    places, at_work = set(), most or threads
+    all_here = threading.Barrier(at_work)
 
     def square(number: int) -> int:
+        if number < at_work:
+            all_here.wait(60)
         time.sleep(0.02 if number == 0 else 0.001)
         places.add(threading.get_ident())
         return number**2
 
     assert mapped_in_parallel(square, range(12), most) == [number**2 for number in range(12)]
-    assert places == {threading.get_ident()} or most is None and threads > 1
+    assert len(places) == at_work and threading.get_ident() in places
     assert mapped_in_parallel(square, []) == []
 
 

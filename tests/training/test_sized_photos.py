@@ -114,7 +114,7 @@ def test_a_shrunk_target_shows_nothing_where_its_photo_is_transparent(tmp_path):
 # What their memory holds, in photos that are being decoded, and the threads that decode.
 @pytest.mark.parametrize("threads, held, decoders", [(1, None, 1), (2, None, 2), (3, 3, 3), (3, 2, 2), (2, 0, 1)])
 def test_photos_stay_in_their_order_on_any_number_of_threads_and_damaged_ones_are_named(
-    tmp_path, monkeypatch, threads, held, decoders
+    tmp_path, monkeypatch, many_threads, threads, held, decoders
 ):
     one, heard = small_collection(tmp_path, photos=1).photos[0], Heard()
     photos = []

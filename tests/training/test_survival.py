@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from core import pipeline
+from core.appearance.transfer_kernels import STRIP
 from core.data import load_collection
 from core.errors import TrainingStopped
 from core.export.ply import read_ply
@@ -331,11 +332,17 @@ def test_an_odd_photo_is_no_spike(collection, tmp_path):
     assert messages == [] and None not in trainer.state.last_losses
 
 
-def test_any_number_of_threads_trains_the_same_bits(collection, tmp_path):
-    results = []
-    for threads in (1, 2):
-        torch.set_num_threads(threads)
-        trainer, _ = run(collection, tmp_path / str(threads))
-        results.append({**trainer.gaussians.tensors(), **trainer.model.state_dict()})
-    for name, tensor in results[0].items():
-        assert torch.equal(tensor, results[1][name]), name
+def test_any_number_of_threads_trains_the_same_bits(collection, tmp_path, on_threads, monkeypatch):
+    for size in ("losses.photometric_cpu.BLOCK_PIXELS", "gaussians.adam.ROWS_PER_BLOCK"):
+        monkeypatch.setattr(f"core.training.{size}", 64)
+    monkeypatch.setattr("core.rasterizer.cpu.backend.ROWS_PER_BLOCK", 64)
+    monkeypatch.setattr("core.appearance.transfer_mlp.ROWS", STRIP)
+
+    def found():
+        trainer, _ = run(collection, tmp_path / str(torch.get_num_threads()))
+        return {**trainer.gaussians.tensors(), **trainer.model.state_dict()}
+
+    first, *others = on_threads((1, 2, 4), found)
+    for other in others:
+        for name, tensor in first.items():
+            assert torch.equal(tensor, other[name]), name

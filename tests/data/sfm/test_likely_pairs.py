@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-import torch
 
 from core.data.sfm import likely_pairs as module
 from core.data.sfm.features import DATABASE, extract
@@ -53,15 +52,14 @@ def test_the_time_that_matching_takes_counts_the_search_for_likely_pairs(photos,
     assert most_pairs(photos) == pairs and longest_s(photos) == pytest.approx(seconds)
 
 
-def test_the_search_finds_the_same_on_any_number_of_threads(tmp_path, monkeypatch):
+def test_the_search_finds_the_same_on_any_number_of_threads(tmp_path, monkeypatch, on_threads):
     strip = features(400, 3)
     shown = [strip[10 * number : 10 * number + 60] for number in range(30)]
     monkeypatch.setattr(module, "largest_features", lambda work, names: shown)
     monkeypatch.setattr(module, "PARTNERS", 4)
-    names, found = [f"{number}.jpg" for number in range(30)], []
-    for threads in (1, 2, 3):
-        torch.set_num_threads(threads)
-        found.append(likely_pairs(tmp_path, names, Report()))
+    monkeypatch.setattr(module, "BLOCK", 4)
+    names = [f"{number}.jpg" for number in range(30)]
+    found = on_threads((1, 2, 3), lambda: likely_pairs(tmp_path, names, Report()))
     assert len(found[0]) < 435 and found[0] == found[1] == found[2]
 
 

@@ -143,14 +143,12 @@ def test_a_poisoned_render_shows_in_the_loss(poison):
     assert not torch.isfinite(run(photometric, image, Target(photo), weight)[0])
 
 
-def test_any_number_of_threads_gives_the_same_bits():
+def test_any_number_of_threads_gives_the_same_bits(on_threads):
     image, photo, weight, _ = example(600, 333)
-    target, results = Target(photo), []
-    for threads in (1, 2, 3):
-        torch.set_num_threads(threads)
-        results.append(run(photometric, image, target, weight))
-    for other in results[1:]:
-        assert all(torch.equal(a, b) for a, b in zip(results[0], other, strict=True))
+    target = Target(photo)
+    first, *others = on_threads((1, 2, 3), lambda: run(photometric, image, target, weight))
+    for other in others:
+        assert all(torch.equal(a, b) for a, b in zip(first, other, strict=True))
 
 
 def test_the_papers_loss_multiplies_both_pictures_by_the_mask():

@@ -3,12 +3,10 @@
 import ast
 import importlib.util
 import re
-import subprocess
-import sys
 import tomllib
-from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+from tests.programs import ROOT, run_python
+
 LONGEST_FILE = 350
 SOURCES = sorted([*ROOT.glob("core/**/*.py"), *ROOT.glob("wegs_cli/**/*.py")])
 CUDA = ROOT / "core" / "rasterizer" / "cuda"
@@ -27,7 +25,7 @@ def test_imports_point_down():
     """As [tool.importlinter] in pyproject.toml says."""
     # Others are not looked at.
     assert {path.parent for path in SOURCES} == {path.parent for path in SOURCES if path.name == "__init__.py"}
-    subprocess.run([sys.executable, "-c", LINT], cwd=ROOT, check=True)
+    run_python(LINT)
 
 
 def test_triton_is_imported_only_when_cuda_is_asked_for():
@@ -35,7 +33,7 @@ def test_triton_is_imported_only_when_cuda_is_asked_for():
     triton = re.compile(r"^(import|from) (triton|core\.rasterizer\.cuda)", re.MULTILINE)
     others = [path for path in SOURCES if path.parent != CUDA and not triton.search(path.read_text(encoding="utf-8"))]
     names = [".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in others]
-    subprocess.run([sys.executable, "-c", IMPORT_WITHOUT_TRITON, *names], cwd=ROOT, check=True)
+    run_python(IMPORT_WITHOUT_TRITON, *names)
 
 
 def test_files_stay_short():

@@ -4,9 +4,6 @@ import csv
 import io
 import json
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 
 import cv2
@@ -18,7 +15,7 @@ from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.errors import BadInput, BadSetting
 from tests.failing import failing
 from tests.heard import Heard
-from tests.test_layers import ROOT
+from tests.programs import run_python
 
 WORK = Quantity("seconds", "s", "log")
 ERROR = Quantity("error", "error", "log", limit=(0.1, "a limit"), floor=1e-6)
@@ -225,8 +222,4 @@ def test_the_table_has_a_column_for_each_quantity_and_says_what_it_was_made_on()
 def test_a_home_that_cannot_be_written_in_does_no_harm(tmp_path):
     (tmp_path / "file").touch()
     program = "from core.bench.files import draw_png; from tests.bench.test_figure import figure, point; draw_png(figure(point('a', 1, 1)))"
-    environment = os.environ | {"MPLCONFIGDIR": str(tmp_path / "file" / "matplotlib")}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, cwd=ROOT, check=True, capture_output=True, text=True
-    )
-    assert done.stderr == ""
+    assert run_python(program, MPLCONFIGDIR=str(tmp_path / "file" / "matplotlib")).stderr == ""

@@ -2,9 +2,7 @@
 a traceback for a defect of ours."""
 
 import errno
-import os
 import shlex
-import subprocess
 import sys
 import textwrap
 from pathlib import Path
@@ -16,6 +14,7 @@ from click.testing import CliRunner
 
 from core.errors import BadInput, BadSetting, TrainingStopped, command
 from tests.failing import opencv_error
+from tests.programs import run_python
 from wegs_cli import main
 from wegs_cli.main import Group
 
@@ -108,7 +107,7 @@ def test_a_foreign_core_is_named(tmp_path):
     (tmp_path / "core").mkdir()
     (tmp_path / "core" / "__init__.py").write_text("")
     program = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from wegs_cli.main import run; run()"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    done = run_python(program, check=False)
     assert done.returncode == 1
     assert len(done.stderr.strip().splitlines()) == 1 and str(tmp_path / "core") in done.stderr
 
@@ -118,7 +117,7 @@ def test_a_folder_that_was_removed_is_named(tmp_path):
     program = (
         f"import os; from wegs_cli.main import run; os.chdir({str(tmp_path)!r}); os.rmdir({str(tmp_path)!r}); run()"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    done = run_python(program, check=False)
     assert done.returncode == 1 and "The folder you are in was removed" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 
@@ -151,7 +150,7 @@ def stopped(folder: Path, body: str, name: str = "SIGINT", before: str = "SIG_DF
         f"import signal, sys; sys.path.insert(0, {str(folder)!r}); signal.signal(signal.{name}, signal.{before})\n"
     )
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:command'; main.run()"
-    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    done = run_python(program, "stop", check=False)
     return done.returncode, done.stdout, done.stderr.strip()
 
 
@@ -197,9 +196,8 @@ def test_what_the_terminal_cannot_show_appears_as_its_code(tmp_path):
     (tmp_path / "shown.py").write_text("import click\n@click.command()\ndef show():\n    print('caf\\xe9.jpg')")
     program = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
     program += "from wegs_cli import main; main.COMMANDS['show'] = 'shown:show'; main.run()"
-    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
-    done = subprocess.run([sys.executable, "-c", program, "show"], capture_output=True, check=False, env=ascii_only)
-    assert (done.returncode, done.stdout) == (0, b"caf\\xe9.jpg\n")
+    done = run_python(program, "show", check=False, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stdout) == (0, "caf\\xe9.jpg\n")
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
@@ -211,7 +209,7 @@ def test_a_signal_while_the_engine_loads_is_a_ctrl_c(tmp_path, name):
     # A shell's background jobs ignore it.
     program += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
-    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    done = run_python(program, "stop", check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
 
 
@@ -228,26 +226,26 @@ def test_a_second_signal_does_not_change_the_last_words(tmp_path, name):
     (tmp_path / "stopped.py").write_text("\n".join(lines))
     program = f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r})\n"
     program += "from wegs_cli import main; main.COMMANDS['stop'] = 'stopped:stop'; main.run()"
-    done = subprocess.run([sys.executable, "-c", program, "stop"], capture_output=True, text=True, check=False)
+    done = run_python(program, "stop", check=False)
     assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wegs: Stopped.")
 
 
 def test_a_stop_in_the_first_moments_is_silent(tmp_path):
     (tmp_path / "click.py").write_text("raise KeyboardInterrupt")  # while even the command line still loads
     program = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from wegs_cli.__main__ import run; run()"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    done = run_python(program, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
 def test_a_program_without_a_terminal_works_all_the_same():
     program = "import sys; sys.stdout = sys.stderr = None; from wegs_cli.main import run; run()"
-    done = subprocess.run([sys.executable, "-c", program, "--version"], capture_output=True, text=True, check=False)
+    done = run_python(program, "--version", check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_program_runs_where_another_program_catches_what_it_prints():
     program = "import io, sys; sys.stdout = io.StringIO(); from wegs_cli.main import run; run()"
-    done = subprocess.run([sys.executable, "-c", program, "--version"], capture_output=True, text=True, check=False)
+    done = run_python(program, "--version", check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 import core
 from core.config import FIELDS
 from core.presets import PRESETS
-from tests.test_layers import ROOT
+from tests.programs import ROOT, run_python
 from wegs_cli.main import COMMANDS, wegs
 from wegs_cli.options import FLAGS, shown_default
 
@@ -87,5 +87,5 @@ def test_help_loads_nothing_heavy():
         "for name in COMMANDS: assert CliRunner().invoke(wegs, [name, '--help']).exit_code == 0\n"
         "print([m for m in ('torch', 'numpy', 'numba', 'cv2', 'pycolmap', 'rich', 'jaxtyping', 'matplotlib') if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    done = run_python(program)
     assert done.stdout.strip() == "[]"

@@ -1,7 +1,6 @@
 """What comes with pycolmap does not disturb OpenCV, whichever of them a command loads first."""
 
-import subprocess
-import sys
+from tests.programs import run_python
 
 PROGRAM = """
 import core.data  # nothing else before it, as in `wegs train --resume`
@@ -12,4 +11,4 @@ for size in range(165, 215):
 
 
 def test_pngs_can_be_written_once_pycolmap_is_loaded():
-    subprocess.run([sys.executable, "-c", PROGRAM], check=True, timeout=120)
+    run_python(PROGRAM, timeout_s=120)

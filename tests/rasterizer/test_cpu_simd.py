@@ -1,9 +1,6 @@
 """The blending kernels' vectors: what the compiler makes of them, and processors without wide registers."""
 
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,6 +9,7 @@ from core.rasterizer import create
 from core.rasterizer.cpu.blend_backward import blend_backward
 from core.rasterizer.cpu.blend_forward import blend_forward
 from tests.afresh import assembly_of
+from tests.programs import run_python
 from tests.rasterizer.scenes import SCENES
 from tests.rasterizer.tolerances import PICTURE
 
@@ -44,7 +42,7 @@ def test_processor_without_wide_registers(tmp_path):
     pictures = []
     for name, changes in (("own", {}), ("generic", {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})):
         path = tmp_path / f"{name}.npz"
-        subprocess.run([sys.executable, "-c", RENDER, str(path)], env=os.environ | changes, check=True)
+        run_python(RENDER, path, **changes)
         pictures.append(np.load(path))
     own, generic = pictures
     assert np.abs(own["image"] - generic["image"]).max() <= PICTURE

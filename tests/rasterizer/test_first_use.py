@@ -1,12 +1,8 @@
 """The process in which the kernels are compiled, beside those that find them in Numba's cache."""
 
-import os
-import subprocess
-import sys
-
 import pytest
 
-from tests.test_layers import ROOT
+from tests.programs import run_python
 
 # In float32, as they are used, gradients hardly show how the kernel rounds, which computes in float64.
 DRAW = """
@@ -41,10 +37,7 @@ def runs(tmp_path_factory):
     """Two processes that draw; the second finds what the first has compiled. They print a digest of each gradient,
     and as errors the modules of all functions that were compiled."""
     folder = tmp_path_factory.mktemp("cache")
-    command, environment = [sys.executable, "-c", DRAW], os.environ | {"NUMBA_CACHE_DIR": str(folder)}
-    runs = [
-        subprocess.run(command, env=environment, cwd=ROOT, check=True, capture_output=True, text=True) for _ in range(2)
-    ]
+    runs = [run_python(DRAW, NUMBA_CACHE_DIR=str(folder)) for _ in range(2)]
     assert list(folder.rglob("*.nbc"))
     return runs
 

@@ -1,8 +1,7 @@
-"""What is asked of a CUDA driver for the same launches, by Triton's own launcher and by ours:
-python -m tests.system.launched
+"""What is asked of a CUDA driver for the same launches, by Triton's own launcher and by ours.
 
-A program of its own: Triton decides when it is imported whether kernels are compiled or interpreted, and the system
-where it finds libcuda.so.1, which is to be the stand-in. Prints JSON: {"theirs": [log of a launch, ...], "ours": [...]}.
+For a process of its own: Triton decides when it is imported whether kernels are compiled or interpreted, and the system
+where it finds libcuda.so.1, which is to be the stand-in.
 """
 
 import ctypes
@@ -68,6 +67,7 @@ def logs(chosen, asked: list) -> list[str]:
     return found
 
 
-if __name__ == "__main__":
+def tell() -> None:
+    """Print JSON: {"theirs": [log of a launch, ...], "ours": [...]}."""
     asked = list(launches())  # the same arrays for both
     print(json.dumps({"theirs": logs(CudaDriver(), asked), "ours": logs(triton_driver.Driver(), asked)}))

@@ -2,8 +2,6 @@
 
 import errno
 import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from core.system import atomic, lock
 from core.system.atomic import filling, replacing, write_json
 from core.system.outputs import files_in
 from tests.failing import DENIED, failing
+from tests.programs import run_python
 
 
 def stay_fresh(folder: Path) -> None:
@@ -167,7 +166,7 @@ def test_half_a_file_that_a_killed_process_left_is_removed_by_the_next(tmp_path)
         "import os, signal, sys\nfrom pathlib import Path\nfrom core.system.atomic import replacing\n"
         "with replacing(Path(sys.argv[1])) as work:\n    work.write_text('half')\n    os.kill(os.getpid(), signal.SIGKILL)"
     )
-    subprocess.run([sys.executable, "-c", program, str(tmp_path / "look.ply")], check=False)
+    run_python(program, tmp_path / "look.ply", check=False)
     (left,) = tmp_path.iterdir()
     assert files_in(tmp_path) == []  # in nobody's way
     os.utime(left, (1e9, 1e9))

@@ -1,13 +1,14 @@
 """What a process is told before torch is loaded: with glibc, memory that was freed is at hand again,
 or returned where gaps would grow; what the user set stays; who waits for the interpreter."""
 
-import os
 import platform
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+
+from tests.programs import run_python
 
 STEPS = """
 import resource
@@ -31,9 +32,7 @@ print(before, page_faults())
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is told")
 def test_freed_memory_is_not_asked_for_again():
-    before, now = map(
-        float, subprocess.run([sys.executable, "-c", STEPS], capture_output=True, text=True, check=True).stdout.split()
-    )
+    before, now = map(float, run_python(STEPS).stdout.split())
     assert before > 1000
     assert now < 10
 
@@ -41,21 +40,12 @@ def test_freed_memory_is_not_asked_for_again():
 @pytest.mark.parametrize("given", [None, "active"])
 def test_threads_wait_without_spinning_unless_the_user_wants_it(given):
     program = "import os; from core.system.process import prepare; prepare(); print(os.environ['OMP_WAIT_POLICY'])"
-    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"} | (
-        {"OMP_WAIT_POLICY": given} if given else {}
-    )
-    told = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment
-    ).stdout
-    assert told.strip() == (given or "passive")
+    assert run_python(program, OMP_WAIT_POLICY=given).stdout.strip() == (given or "passive")
 
 
 def test_torch_is_not_loaded():
     program = "import sys; from core.system.process import prepare; prepare(); print('torch' in sys.modules)"
-    assert (
-        subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.strip()
-        == "False"
-    )
+    assert run_python(program).stdout.strip() == "False"
 
 
 WAITS = """
@@ -123,8 +113,7 @@ print(megabytes("VmRSS") - used - own)
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc is told")
 def test_what_is_left_of_much_lies_without_gaps_apart_and_gaps_in_the_heap_are_returned():
     def gaps(where):
-        program = [sys.executable, "-c", GAPS, where]
-        own, *rest = map(float, subprocess.run(program, capture_output=True, text=True, check=True).stdout.split())
+        own, *rest = map(float, run_python(GAPS, where).stdout.split())
         return np.array(rest) / own
 
     (reserved, used, returned), apart = gaps("heap"), gaps("apart")

@@ -1,9 +1,7 @@
 """Triton's kernels launched without what it compiles in C: the calls are those of its own launcher."""
 
 import json
-import os
 import subprocess
-import sys
 import sysconfig
 from pathlib import Path
 from shutil import which
@@ -17,14 +15,12 @@ pytest.importorskip("triton")
 from triton.backends import nvidia
 
 from core.system.triton_driver import Cuda, Launcher
+from tests.programs import run_python
 
 
-def run(*program: str, **environment: str) -> str:
-    changed = {**os.environ, **environment}
-    changed.pop("TRITON_INTERPRET", None)
-    result = subprocess.run([sys.executable, *program], env=changed, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    return result.stdout
+def compiling(program: str, cache: Path, **environment: str) -> str:
+    """What a program prints that compiles Triton's kernels."""
+    return run_python(program, TRITON_INTERPRET=None, TRITON_CACHE_DIR=str(cache), **environment).stdout
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="a stand-in for the driver of a GPU that is here")
@@ -38,24 +34,23 @@ def test_the_driver_is_asked_for_what_tritons_own_launcher_asks_for(tmp_path):
     headers = Path(nvidia.__file__).parent / "include"
     library = tmp_path / "libcuda.so.1"
     subprocess.run(["gcc", "-shared", "-fPIC", f"-I{headers}", str(source), "-o", str(library)], check=True)
-    program = ("-m", "tests.system.launched")
-    found = json.loads(run(*program, LD_LIBRARY_PATH=str(tmp_path), TRITON_CACHE_DIR=str(tmp_path / "cache")))
+    program = "from tests.system.launched import tell; tell()"
+    found = json.loads(compiling(program, tmp_path / "cache", LD_LIBRARY_PATH=str(tmp_path)))
     assert found["ours"] == found["theirs"]
     assert [log.count("launch") for log in found["ours"]] == [1, 1, 0, 1]  # nothing for an empty grid
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_gpu_needs_no_compiler(tmp_path):
-    trained = run(
-        "-c",
+    trained = compiling(
         "from pathlib import Path; from core.system import device; "
         "from tests.small import finished, small_collection, small_settings; "
         "from triton.runtime import driver; "
         f"run = finished(small_collection(Path({str(tmp_path)!r})), small_settings(device='cuda'), "
         f"Path({str(tmp_path)!r}, 'run')); "
         "print(run.device.type, type(driver.active).__module__)",
+        tmp_path / "cache",
         CC="false",
-        TRITON_CACHE_DIR=str(tmp_path / "cache"),
     )
     assert trained.split() == ["cuda", "core.system.triton_driver"]
 

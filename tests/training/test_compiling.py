@@ -1,7 +1,6 @@
 """Kernels compiled in two processes: every kernel of a step in one of them, and no process where none is needed."""
 
 import subprocess
-import sys
 from unittest.mock import Mock
 
 import pytest
@@ -10,6 +9,7 @@ from numba import njit
 
 from core.training import compiling
 from tests.failing import failing
+from tests.programs import run_python
 
 LEARNED_THEN_STEPPED = """
 import sys
@@ -37,8 +37,7 @@ LEFT = "_count _gather _update"  # a second of work: of the Gaussians' Adam and 
 
 def test_a_step_finds_its_kernels():
     """In a process of its own, as others of these tests have compiled everything."""
-    command = [sys.executable, "-c", LEARNED_THEN_STEPPED]
-    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip() == LEFT
+    assert run_python(LEARNED_THEN_STEPPED).stdout.strip() == LEFT
 
 
 def test_the_other_process_learns_a_look():

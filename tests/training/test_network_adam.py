@@ -1,12 +1,10 @@
 """Adam for the networks: the steps of torch.optim.Adam, bit for bit, without torch's compiler."""
 
-import subprocess
-import sys
-
 import pytest
 import torch
 
 from core.training.network_adam import NetworkAdam
+from tests.programs import run_python
 
 SHAPES, RATES = [(3, 4), (5,), (2, 2, 2)], [0.01, 0.02, 0.01]
 
@@ -99,4 +97,4 @@ for _ in range(3):
     trainer.step()
 assert not {"torch._dynamo", "sympy"} & sys.modules.keys()
 """
-    subprocess.run([sys.executable, "-c", script, tmp_path], check=True)
+    run_python(script, tmp_path)

@@ -2,8 +2,6 @@
 and nothing of what is hidden in them."""
 
 import platform
-import subprocess
-import sys
 import threading
 import weakref
 from dataclasses import replace
@@ -19,6 +17,7 @@ from core.system import memory
 from core.training import sized_photos as module
 from core.training.sized_photos import SizedPhotos
 from tests.heard import Heard
+from tests.programs import run_python
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
 SIDE_PX = 32
@@ -170,8 +169,7 @@ print((taken() - before) / sum(sized.pixels.nbytes + sized.encoder_input.nbytes 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc can be told")
 def test_where_memory_is_limited_photos_take_what_is_kept_of_them_and_hardly_more(tmp_path):
-    program = [sys.executable, "-c", DECODES, str(tmp_path)]
-    assert float(subprocess.run(program, capture_output=True, text=True, check=True).stdout) < 1.1
+    assert float(run_python(DECODES, tmp_path).stdout) < 1.1
 
 
 @pytest.mark.parametrize("room, decoders", [(1 << 20, 8), (None, 1)])  # that of a container, of an unknown system

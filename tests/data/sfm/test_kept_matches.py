@@ -5,8 +5,6 @@ import os
 import shutil
 import signal
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from types import SimpleNamespace
 
@@ -23,6 +21,7 @@ from core.system.atomic import replacing_folder, temporary_folder
 from tests.data.room_corner import cameras, take_photo, textures
 from tests.failing import opencv_error
 from tests.heard import Heard
+from tests.programs import run_python
 
 pytestmark = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
 AGAIN = "Going on with the features and matches that were found before it was stopped."
@@ -102,10 +101,7 @@ def test_what_was_found_before_a_kill_is_used_again(photos, whole, tmp_path):
         "        if what == 'Matches': os.kill(os.getpid(), signal.SIGKILL)\n"
         "reconstruct.reconstruct(Path(sys.argv[1]), Path(sys.argv[2]), Killed())"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program, str(photos), str(tmp_path / "scene")], check=False, capture_output=True
-    )
-    assert done.returncode == -signal.SIGKILL
+    assert run_python(program, photos, tmp_path / "scene", check=False).returncode == -signal.SIGKILL
     heard = Heard()
     assert is_same(reconstruct.reconstruct(photos, tmp_path / "scene", heard), whole) and AGAIN in heard.lines
 

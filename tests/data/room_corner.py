@@ -1,5 +1,6 @@
 """Photos of a room corner, made here: known cameras, walls full of features."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -61,15 +62,24 @@ def take_photo(rotation, centre, pictures):
     return photo
 
 
+def save_corner(folder: Path, names: Sequence[str]) -> Path:
+    """Photos of the corner by these names, one from each of its cameras, in `folder`, which is made and returned."""
+    folder.mkdir(exist_ok=True)
+    pictures = textures()
+    for name, pose in zip(names, cameras(len(names)), strict=True):
+        assert cv2.imwrite(str(folder / name), take_photo(*pose, pictures))
+    return folder
+
+
 def write_corner(root: Path, count: int = 6, masked: int | None = None) -> Path:
     """A transforms.json in `root`, which is returned, of photos 0.png, 1.png, ...
     and no points; `masked` has its lower half hidden."""
-    pictures, frames = textures(), []
-    for number, (rotation, centre) in enumerate(cameras(count)):
+    names, frames = [f"{number}.png" for number in range(count)], []
+    save_corner(root, names)
+    for name, (rotation, centre) in zip(names, cameras(count), strict=True):
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = rotation.T * [1, -1, -1], centre
-        frames.append({"file_path": f"{number}.png", "transform_matrix": matrix.tolist()})
-        assert cv2.imwrite(str(root / f"{number}.png"), take_photo(rotation, centre, pictures))
+        frames.append({"file_path": name, "transform_matrix": matrix.tolist()})
     if masked is not None:
         mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
         mask[HEIGHT // 2 :] = 0

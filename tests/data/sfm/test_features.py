@@ -12,7 +12,8 @@ from core.data.sfm import features, room
 from core.data.sfm.features import DATABASE, PHOTOS, extract, match, write_pictures
 from core.report import QUIET
 from core.scene.camera import Camera
-from tests.data.room_corner import cameras, take_photo, textures
+from tests.data.room_corner import save_corner
+from tests.failing import leave_on_disk
 from tests.heard import Heard
 
 NAMES = ["000001.jpg", "000002.jpg"]
@@ -21,10 +22,7 @@ NAMES = ["000001.jpg", "000002.jpg"]
 @pytest.fixture
 def work(tmp_path):
     """Two photos of the room's corner."""
-    (tmp_path / PHOTOS).mkdir()
-    pictures = textures()
-    for name, (rotation, centre) in zip(NAMES, cameras(2), strict=True):
-        assert cv2.imwrite(str(tmp_path / PHOTOS / name), take_photo(rotation, centre, pictures))
+    save_corner(tmp_path / PHOTOS, NAMES)
     return tmp_path
 
 
@@ -38,14 +36,13 @@ def test_photos_that_cannot_be_decoded_count_as_done(work):
 
 
 def test_a_disk_with_hardly_any_room_is_full_before_pycolmap_ends_the_program(work, monkeypatch):
-    usage = room.shutil.disk_usage(work)._replace(free=room.SPARE_BYTES)
     with monkeypatch.context() as patch:
-        patch.setattr(room.shutil, "disk_usage", lambda _: usage)
+        leave_on_disk(room.SPARE_BYTES, patch)
         with pytest.raises(OSError) as caught:
             extract(work, NAMES, QUIET)
         assert caught.value.errno == errno.ENOSPC
     extract(work, NAMES, QUIET)
-    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: usage)
+    leave_on_disk(room.SPARE_BYTES, monkeypatch)
     with pytest.raises(OSError) as caught:
         match(work, [tuple(NAMES)], QUIET)
     assert caught.value.errno == errno.ENOSPC

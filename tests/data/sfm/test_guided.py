@@ -13,7 +13,8 @@ from core.data.sfm import room
 from core.data.sfm.features import DATABASE, LEAST_INLIERS, PHOTOS, SEED, extract, match
 from core.data.sfm.guided import AT_POINTS, BYTES, LARGEST, NEAR_PX, ON_LINES, Features, guide, guided_matches
 from core.report import QUIET
-from tests.data.room_corner import cameras, take_photo, textures
+from tests.data.room_corner import HEIGHT, WIDTH, save_corner
+from tests.failing import leave_on_disk
 from tests.heard import Heard
 
 
@@ -32,12 +33,10 @@ def verified(tmp_path_factory):
     """A work folder with photos of a corner, and one of noise, matched and verified; and the pairs.
     EXIF tells focal lengths of three of them."""
     work = tmp_path_factory.mktemp("guided")
-    (work / PHOTOS).mkdir()
-    pictures = [take_photo(rotation, centre, textures()) for rotation, centre in cameras(4)]
-    pictures.append(np.random.default_rng(0).integers(0, 256, pictures[0].shape, np.uint8))
-    names = [f"{number}.png" for number in range(len(pictures))]
-    for name, picture in zip(names, pictures, strict=True):
-        assert cv2.imwrite(str(work / PHOTOS / name), picture)
+    names = [f"{number}.png" for number in range(5)]
+    save_corner(work / PHOTOS, names[:4])
+    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+    assert cv2.imwrite(str(work / PHOTOS / names[4]), noise)
     pairs = [(second, first) for first, second in combinations(names, 2)]
     with quiet():
         extract(work, names, QUIET)
@@ -128,8 +127,7 @@ def test_matches_are_as_defined(config, counts):
 
 def test_a_disk_with_hardly_any_room_is_reported(verified, monkeypatch):
     work, pairs = verified
-    usage = room.shutil.disk_usage(work)._replace(free=room.SPARE_BYTES)
-    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: usage)
+    leave_on_disk(room.SPARE_BYTES, monkeypatch)
     with pytest.raises(OSError, match="No space left"):
         guide(work, pairs, QUIET)
 

@@ -18,7 +18,7 @@ from core.errors import BadInput, WegsError, disk_full
 from core.report import QUIET
 from core.system import lock
 from core.system.atomic import replacing_folder, temporary_folder
-from tests.data.room_corner import cameras, take_photo, textures
+from tests.data.room_corner import save_corner
 from tests.failing import opencv_error
 from tests.heard import Heard
 from tests.programs import run_python
@@ -29,10 +29,7 @@ AGAIN = "Going on with the features and matches that were found before it was st
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory):
-    folder, pictures = tmp_path_factory.mktemp("photos"), textures()
-    for number, pose in enumerate(cameras(6)):
-        assert cv2.imwrite(str(folder / f"{number}.jpg"), take_photo(*pose, pictures))
-    return folder
+    return save_corner(tmp_path_factory.mktemp("photos"), [f"{number}.jpg" for number in range(6)])
 
 
 @pytest.fixture(scope="module")

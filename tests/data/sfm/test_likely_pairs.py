@@ -1,6 +1,5 @@
 """Which photos are matched: of few, all with all; of many, those that share their largest features."""
 
-import cv2
 import numpy as np
 import pycolmap
 import pytest
@@ -9,7 +8,7 @@ from core.data.sfm import likely_pairs as module
 from core.data.sfm.features import DATABASE, extract
 from core.data.sfm.likely_pairs import count_alike, likely_pairs, longest_s, most_pairs
 from core.report import Report
-from tests.data.room_corner import cameras, take_photo, textures
+from tests.data.room_corner import save_corner
 from tests.heard import Heard
 
 NAMES = [f"{number}.jpg" for number in range(9)]
@@ -78,10 +77,8 @@ def test_only_features_that_are_each_others_nearest_count():
 
 
 def test_the_largest_features_of_a_photo_are_taken(tmp_path, monkeypatch):
-    (tmp_path / "photos").mkdir()
-    pictures, names = textures(), ["000001.jpg", "000002.jpg"]
-    for name, (rotation, centre) in zip(names, cameras(2), strict=True):
-        assert cv2.imwrite(str(tmp_path / "photos" / name), take_photo(rotation, centre, pictures))
+    names = ["000001.jpg", "000002.jpg"]
+    save_corner(tmp_path / "photos", names)
     extract(tmp_path, names, Report())
     every = module.largest_features(tmp_path, names)
     monkeypatch.setattr(module, "LARGEST_FEATURES", 50)

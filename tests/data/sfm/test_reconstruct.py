@@ -19,7 +19,7 @@ from core.errors import BadInput, WegsError
 from core.report import Report
 from core.scene.lens import Lens
 from core.system.atomic import replacing_folder
-from tests.data.room_corner import HEIGHT, WIDTH, cameras, take_photo, textures
+from tests.data.room_corner import HEIGHT, WIDTH, cameras, save_corner, take_photo, textures
 from tests.data.small_scene import add_exif, exif_block
 from tests.failing import DISK_FULL, failing
 from tests.heard import Heard
@@ -120,13 +120,8 @@ def test_what_is_half_transparent_is_laid_over_white_once(tmp_path):
 
 
 def test_the_same_photos_give_the_same_scene(tmp_path):
-    (tmp_path / "photos").mkdir()
-    pictures = textures()
-    for number, (rotation, centre) in enumerate(cameras(5)):
-        assert cv2.imwrite(str(tmp_path / "photos" / f"{number}.jpg"), take_photo(rotation, centre, pictures))
-    first, second = (
-        reconstruct(tmp_path / "photos", tmp_path / name, Report()) / "sparse" / "0" for name in ("first", "second")
-    )
+    photos = save_corner(tmp_path / "photos", [f"{number}.jpg" for number in range(5)])
+    first, second = (reconstruct(photos, tmp_path / name, Report()) / "sparse" / "0" for name in ("first", "second"))
     assert {path.name: path.read_bytes() for path in first.iterdir()} == {
         path.name: path.read_bytes() for path in second.iterdir()
     }

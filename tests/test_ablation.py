@@ -4,7 +4,6 @@ import csv
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -23,9 +22,9 @@ from samples import ablation, compare
 from samples.measurements import finished
 from samples.measurements.variants import FULL, VARIANTS
 from tests.heard import Heard, StopsAtStep
+from tests.paths import PLAZA
 from tests.small import give_to_pipeline, small_collection, small_settings
 
-PLAZA = Path(ablation.__file__).parent / "plaza"
 # In three steps no mask comes down to hide a Gaussian, and nothing drifts before cameras.
 NEED_LONGER_RUNS = ("no L_regTS", "veils stay (paper)", "passers-by stay (paper)")
 TINY = {

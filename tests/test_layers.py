@@ -5,7 +5,8 @@ import importlib.util
 import re
 import tomllib
 
-from tests.programs import ROOT, run_python
+from tests.paths import ROOT
+from tests.programs import run_python
 
 LONGEST_FILE = 350
 SOURCES = sorted([*ROOT.glob("core/**/*.py"), *ROOT.glob("wegs_cli/**/*.py")])

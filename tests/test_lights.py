@@ -11,6 +11,7 @@ from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.report import QUIET
 from samples import lights
+from tests.failing import find_look_without_work
 from tests.small import HEIGHT, WIDTH, finished, small_collection, small_settings
 
 
@@ -105,11 +106,7 @@ def test_a_sheet_without_photos(folder, tmp_path):
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_the_work(folder, options, words, monkeypatch):
-    def without_work(live, word, refine):
-        assert not refine
-        return find_look(live, word, refine=False)
-
-    monkeypatch.setattr(lights, "find_look", without_work)
+    monkeypatch.setattr(lights, "find_look", find_look_without_work)
     result = CliRunner().invoke(lights.main, [str(folder), *options])
     assert result.exit_code == 1 and words in result.output
 

@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from samples import make_plaza
+from tests.paths import PLAZA
 
-PLAZA = Path(__file__).parent.parent / "samples" / "plaza"
 LARGEST_BYTES = 4_000_000  # a clone should stay quick
 STYLES = ("dusk", "noon")
 

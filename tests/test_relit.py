@@ -19,8 +19,8 @@ from samples.measurements.finished import with_split
 from samples.plaza_maker.model import to_model
 from samples.relit import standpoint
 from tests.elsewhere import DEVICE, elsewhere
+from tests.paths import PLAZA
 from tests.small import ring_camera
-from tests.test_plaza_sample import PLAZA
 
 
 def half_as_large(*of_relit) -> relit.Standpoint:

@@ -10,7 +10,8 @@ from click.testing import CliRunner
 import core
 from core.config import FIELDS
 from core.presets import PRESETS
-from tests.programs import ROOT, run_python
+from tests.paths import ROOT
+from tests.programs import run_python
 from wegs_cli.main import COMMANDS, wegs
 from wegs_cli.options import FLAGS, shown_default
 

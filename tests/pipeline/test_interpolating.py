@@ -16,6 +16,7 @@ from core.looks.find_look import find_look
 from core.looks.pruning import Pruned, Pruner
 from core.looks.trained import bake, load_run
 from core.pipeline import interpolating
+from tests.failing import find_look_without_work
 from tests.heard import Heard
 
 
@@ -115,11 +116,7 @@ def test_force_replaces_a_fade_but_no_photos_that_are_called_frames(trained, tmp
 
 
 def test_what_cannot_be_is_refused_before_the_work(trained, tmp_path, monkeypatch):
-    def without_work(live, word, refine, **_):
-        assert not refine
-        return find_look(live, word, refine=False)
-
-    monkeypatch.setattr(interpolating, "find_look", without_work)
+    monkeypatch.setattr(interpolating, "find_look", find_look_without_work)
     with pytest.raises(BadSetting, match="1 step cannot make a fade"):
         pipeline.interpolate(trained[0], "neutral", "photo_0.png", 1, tmp_path / "fade")
     with pytest.raises(BadInput, match="no photo bogus"):

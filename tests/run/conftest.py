@@ -11,6 +11,13 @@ from tests.small import small_collection
 
 
 @pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The current folder, which is empty."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def collection(tmp_path):
     """A collection with a frame that is not the world, and a lens."""
     folder = tmp_path / "scene"

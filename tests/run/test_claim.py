@@ -12,13 +12,8 @@ from core.run.claim import held, new_run
 from core.system import lock
 from tests.failing import failing
 
+pytestmark = pytest.mark.usefixtures("here")
 locks = pytest.mark.skipif(lock.fcntl is None, reason="this system has no flock(2)")
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def test_trainings_begun_together_get_folders_of_their_own(monkeypatch):

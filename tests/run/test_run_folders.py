@@ -14,12 +14,6 @@ from tests.small import small_settings
 COPY = "checkpoint_000100 (copy).safetensors"  # that a user made
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def begin(folder: Path, age_s: int = 0) -> None:
     folder.mkdir(parents=True)
     (folder / "config.json").write_text('{"wegs": "0.1.0"}')

@@ -21,6 +21,13 @@ RATES = {  # settings: for whatever learns, a rate that nothing else has
 
 
 @pytest.fixture
+def collection(tmp_path):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    return small_collection(folder)
+
+
+@pytest.fixture
 def trainer_of(tmp_path):
     """Trainers of the small collection, with what is to differ from its settings."""
     collection = small_collection(tmp_path)

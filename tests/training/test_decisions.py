@@ -23,10 +23,10 @@ from core.training.trainer import Trainer
 from tests.data.converted import write_processed
 from tests.failing import failing
 from tests.heard import Heard
+from tests.paths import PLAZA
 from tests.real_data import real
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
 
-SAMPLE = Path(__file__).parents[2] / "samples" / "plaza"
 SMALL = {
     "max_gaussians": 600,
     "sky_gaussians": 60,
@@ -62,7 +62,7 @@ def test_each_part_is_kept_where_photos_need_it(tmp_path, change, expected):
 
 
 def test_a_wild_collection_keeps_everything():
-    taken = decided_for(load_collection(SAMPLE))
+    taken = decided_for(load_collection(PLAZA))
     assert values(taken) == ("full", "on")
     # 4 %: light changes far more than the viewing direction.
     assert taken["sh_degree"].figure < 0.6 * decisions.LEAST_VIEW_DEPENDENCE
@@ -71,10 +71,10 @@ def test_a_wild_collection_keeps_everything():
 
 
 def test_a_copy_in_nerfstudios_format_is_judged_alike(tmp_path):
-    given = load_collection(SAMPLE)
+    given = load_collection(PLAZA)
     lists = {f"{split}_filenames": [photo.name for photo in given.split(split)] for split in ("train", "test")}
     copy, original = (
-        decided_for(load_collection(write_processed(SAMPLE, tmp_path / "copy", **lists))),
+        decided_for(load_collection(write_processed(PLAZA, tmp_path / "copy", **lists))),
         decided_for(given),
     )
     for name, decision in original.items():

@@ -29,13 +29,6 @@ from tests.data.small_scene import SmallScene
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
 
 
-@pytest.fixture
-def collection(tmp_path):
-    folder = tmp_path / "photos"
-    folder.mkdir()
-    return small_collection(folder)
-
-
 def run(collection, folder, **changes):
     """A finished run: its trainer, and everything it said."""
     folder.mkdir()

@@ -12,14 +12,7 @@ import torch
 from core.errors import BadInput
 from core.run import checkpoint
 from core.training.trainer import Trainer
-from tests.small import damage, small_collection, small_settings
-
-
-@pytest.fixture
-def collection(tmp_path):
-    folder = tmp_path / "photos"
-    folder.mkdir()
-    return small_collection(folder)
+from tests.small import damage, small_settings
 
 
 def run(collection, folder, settings, until=None):

@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,15 +16,9 @@ from core.errors import BadInput
 from tests.data.checks import notes_with
 from tests.data.converted import LENS_TERMS, changed, images_of, write_json, write_nerf_osr, write_nerfstudio
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
+from tests.paths import PLAZA
 
-PLAZA = Path(__file__).parents[3] / "samples" / "plaza"
 EXACT_PX = 1e-6  # through text and back float64 loses far less
-
-
-@pytest.fixture
-def scene(tmp_path):
-    """A transforms.json of four photos with points, and what it says; `load_collection(root)` reads it."""
-    return write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
 
 
 def lens_of(photo):

@@ -6,13 +6,8 @@ import pytest
 
 from core.data import load_collection
 from tests.data.checks import notes_with
-from tests.data.converted import changed, write_nerf_osr, write_nerfstudio
+from tests.data.converted import changed, write_nerf_osr
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
-
-
-@pytest.fixture
-def scene(tmp_path):
-    return write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
 
 
 def without_intrinsics(facts):

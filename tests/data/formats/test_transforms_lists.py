@@ -5,13 +5,7 @@ import pytest
 from core.data import load_collection
 from core.errors import BadInput
 from tests.data.checks import notes_with
-from tests.data.converted import changed, write_nerfstudio
-from tests.data.small_scene import SmallScene
-
-
-@pytest.fixture
-def scene(tmp_path):
-    return write_nerfstudio(SmallScene().write(tmp_path / "colmap"), tmp_path / "scene")
+from tests.data.converted import changed
 
 
 def named(*numbers):

@@ -1,7 +1,5 @@
 """Which photos structure from motion uses."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pycolmap
@@ -14,8 +12,7 @@ from core.data.sfm.usable import LEAST_PIXELS, UsablePhoto, usable_photos
 from core.errors import BadInput
 from core.report import QUIET
 from tests.data.small_scene import add_exif, exif_block
-
-PLAZA = Path(__file__).parents[3] / "samples" / "plaza" / "dense" / "images"
+from tests.paths import PLAZA
 
 
 def picture(seed, cells=(12, 16), size=(160, 120)):
@@ -91,7 +88,8 @@ def features_of(photos, pixels, work):
 
 
 def test_a_photo_too_small_has_fewer_features_than_colmap_places_it_by(tmp_path):
-    photos, needed = list_photos(PLAZA)[:12], pycolmap.IncrementalMapperOptions().abs_pose_min_num_inliers
+    photos = list_photos(PLAZA / "dense" / "images")[:12]
+    needed = pycolmap.IncrementalMapperOptions().abs_pose_min_num_inliers
     assert (
         max(features_of(photos, LEAST_PIXELS, tmp_path / "small"))
         < needed

@@ -1,6 +1,7 @@
 """A collection small enough to train in a test:
 coloured balls seen by a ring of cameras, each photo in its own light."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,11 +65,23 @@ def small_collection(folder: Path, photos: int = 6) -> Collection:
     return Collection("small", folder, "test", tuple(made), points, colours, SceneFrame(np.zeros(3), 1.0))
 
 
+def trained_to_the_end(trainer: Trainer) -> Trainer:
+    """The trainer, with all its steps done."""
+    for _ in trainer.train():
+        pass
+    return trainer
+
+
 def finished(collection: Collection, settings: Settings, folder: Path) -> TrainedRun:
     """A run trained to its last step in `folder`."""
-    for _ in Trainer.of_new_run(collection, settings, folder).train():
-        pass
+    trained_to_the_end(Trainer.of_new_run(collection, settings, folder))
     return load_run(folder)
+
+
+def unfinished(run: Path) -> Path:
+    """A finished run, as if it had been killed after its last step, before its last file."""
+    shutil.rmtree(run / "point_cloud")
+    return run
 
 
 def give_to_pipeline(collection: Collection, patch: MonkeyPatch) -> None:

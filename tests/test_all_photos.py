@@ -13,7 +13,7 @@ from core.looks.trained import load_run
 from core.run import run_config
 from tests.data.small_scene import SmallScene
 from tests.heard import StopsAtStep
-from tests.small import give_to_pipeline, small_collection, small_settings
+from tests.small import give_to_pipeline, small_collection, small_settings, unfinished
 
 
 def test_with_all_photos_masks_apply_to_photos_that_are_otherwise_held_out(tmp_path, monkeypatch):
@@ -55,8 +55,7 @@ def test_with_all_photos_a_scene_whose_list_holds_out_every_photo_can_be_trained
     with pytest.raises(BadInput, match="test.txt leaves no photo to train on"):
         pipeline.train(scene, small_settings(steps=1), tmp_path / "run")
     folder = pipeline.train(scene, small_settings(steps=1, all_photos=True), tmp_path / "run")
-    shutil.rmtree(folder / "point_cloud")  # as if it had been stopped just before
-    pipeline.resume(folder)
+    pipeline.resume(unfinished(folder))
     trained = load_run(folder)
     assert len(trained.model.photo_names) == 4
     outside = shutil.copyfile(trained.collection.photos[0].path, tmp_path / "outside.png")

@@ -1,7 +1,6 @@
 """Trainings that end early: stopped, or killed before anything was kept."""
 
 import errno
-import shutil
 import signal
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from core.training.rescue import saved_if_room_runs_out
 from core.training.trainer import Trainer
 from tests.failing import DENIED, failing
 from tests.heard import Heard, StopsAtStep
-from tests.small import HEIGHT, WIDTH, small_collection, small_scene, small_settings
+from tests.small import HEIGHT, WIDTH, small_collection, small_scene, small_settings, unfinished
 
 STEPS = 12
 FULL = OSError(errno.ENOSPC, "No space left on device")  # what is said goes to a disk
@@ -217,8 +216,7 @@ def test_results_of_an_earlier_step_are_named_when_a_run_is_resumed(scene, tmp_p
         in heard.lines
     )
     pipeline.evaluate(tmp_path / "run", "full", refine=False)
-    shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been stopped just before its last file
-    pipeline.resume(tmp_path / "run", heard := Heard())
+    pipeline.resume(unfinished(tmp_path / "run"), heard := Heard())
     assert not any("Of an earlier run or step" in line for line in heard.lines)
 
 
@@ -230,8 +228,7 @@ def test_a_run_killed_before_its_first_checkpoint_starts_again_with_its_own_sett
     settings = small_settings(steps=STEPS, checkpoints=1, sh_degree=-1)
     folder = pipeline.train(scene, settings, tmp_path / "run", masks=tmp_path / "masks")
     whole = (folder / CLOUD).read_bytes()
-    shutil.rmtree(folder / "point_cloud")  # as if it had been killed before its first checkpoint
-    checkpoint.newest(folder).unlink()
+    checkpoint.newest(unfinished(folder)).unlink()
     heard = Heard()
     pipeline.resume(folder, heard)
     assert f"Going on with {folder} from step 0, with its own settings: it has no checkpoint yet" in heard.lines

@@ -21,7 +21,7 @@ from tests.doctor.examined import asked_for, examined
 from tests.doctor.test_ply import refuse
 from tests.doctor.test_scene import mark_as_made
 from tests.heard import Heard
-from tests.small import small_settings
+from tests.small import small_settings, unfinished
 from wegs_cli.main import wegs
 
 
@@ -142,8 +142,7 @@ def test_no_history_is_asked_of_a_run_without_checks(tmp_path, checks, held_out)
 
 
 def test_a_run_without_its_results_is_not_sound(trained, tmp_path):
-    shutil.copytree(trained, tmp_path / "run")
-    shutil.rmtree(tmp_path / "run" / "point_cloud")  # as if it had been killed after its last step
+    unfinished(shutil.copytree(trained, tmp_path / "run"))
     steps = examined(tmp_path / "run")[0]["steps"]
     assert "the results were not written" in steps.meaning and "wegs train --resume -o" in steps.advice
     with held(tmp_path / "run"):

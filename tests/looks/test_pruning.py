@@ -9,7 +9,7 @@ from core.rasterizer import BLACK
 from core.scene.harmonics import dc_of_colour
 from core.scene.splats import Splats
 from core.training.trainer import Trainer
-from tests.small import ring_camera, small_collection, small_settings
+from tests.small import ring_camera, small_collection, small_settings, trained_to_the_end
 
 CAMERAS = [ring_camera(angle) for angle in (0.0, 0.4, 0.8)]
 RASTERIZER = core.rasterizer.create("cpu")
@@ -132,9 +132,7 @@ def test_where_no_view_shows_anything_all_is_kept():
 
 def test_looks_of_a_trained_scene_keep_the_same_gaussians_within_the_bound(tmp_path):
     collection = small_collection(tmp_path)
-    trainer = Trainer(collection, small_settings(sh_degree=2), tmp_path)
-    for _ in trainer.train():
-        pass
+    trainer = trained_to_the_end(Trainer(collection, small_settings(sh_degree=2), tmp_path))
     splats, cameras = trainer.gaussians.splats, [sized.camera for sized in trainer.photos]
     pruner = Pruner(splats, cameras, trainer.rasterizer)
     for index in range(2):

@@ -20,7 +20,7 @@ from core.looks.trained import load_run
 from core.pipeline import baking
 from core.scene.frame import SceneFrame
 from tests.heard import Heard
-from tests.small import small_settings
+from tests.small import small_settings, unfinished
 
 
 def test_the_ply_of_a_look_shows_what_the_live_model_shows(trained, tmp_path):
@@ -46,8 +46,7 @@ def test_viewpoints_are_mentioned_if_they_exist_and_written_again_on_resume(trai
         heard = Heard()
         pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply", heard, force=True)
         assert any("cameras.json as well" in line for line in heard.lines) != gone
-    shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
-    pipeline.resume(folder)
+    pipeline.resume(unfinished(folder))
     assert (folder / "cameras.json").read_bytes() == cameras
 
 

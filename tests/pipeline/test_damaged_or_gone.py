@@ -16,7 +16,7 @@ from core.looks.find_look import find_look
 from core.looks.trained import load_run
 from core.pipeline import training
 from tests.heard import Heard
-from tests.small import HEIGHT, WIDTH, damage, small_settings
+from tests.small import HEIGHT, WIDTH, damage, small_settings, unfinished
 
 
 def test_a_damaged_photo_is_named_and_the_rest_is_used(small_scene, tmp_path, monkeypatch):
@@ -82,7 +82,7 @@ def test_a_photo_replaced_by_another_is_reported_and_prevents_a_resume(trained, 
         heard = Heard()
         pipeline.bake_to_file(folder, "neutral", tmp_path / "a.ply", heard, force=True)
         assert (said in heard.lines) == changed
-    shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
+    unfinished(folder)
     with pytest.raises(
         BadInput, match="are not those that .* began with; changed, split otherwise or gone: photo_0.png. Put them back"
     ):
@@ -94,7 +94,7 @@ def test_a_run_is_not_resumed_with_masks_that_were_redrawn(small_scene, tmp_path
     for number in range(5):
         cv2.imwrite(str(tmp_path / "masks" / f"photo_{number}.png"), np.full((HEIGHT, WIDTH), 255, np.uint8))
     folder = pipeline.train(small_scene, small_settings(steps=1), tmp_path / "run", masks=tmp_path / "masks")
-    shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
+    unfinished(folder)
     redrawn = np.full((HEIGHT, WIDTH), 255, np.uint8)
     redrawn[::2, ::3] = 0
     cv2.imwrite(str(tmp_path / "masks" / "photo_1.png"), redrawn)

@@ -17,7 +17,7 @@ from core.run import checkpoint, run_folders
 from tests.failing import DENIED, failing
 from tests.heard import Heard, StopsAtStep
 from tests.pipeline.conftest import STEPS
-from tests.small import small_settings
+from tests.small import small_settings, unfinished
 
 
 def test_training_tells_what_it_found_and_leaves_a_run_that_viewers_open(trained):
@@ -65,8 +65,7 @@ def test_ctrl_c_saves_the_step_and_the_run_is_resumed_as_if_nothing_had_happened
     assert pipeline.resume(folder, heard) == folder
     assert "is finished: 12 steps" in heard.lines[-2] and "--appearance PHOTO" in heard.lines[-1]
     assert (folder / "history.csv").stat().st_mtime_ns == written
-    shutil.rmtree(folder / "point_cloud")  # as if it had been killed after its last step
-    pipeline.resume(folder)
+    pipeline.resume(unfinished(folder))
     assert (folder / "point_cloud" / f"iteration_{STEPS}" / "point_cloud.ply").is_file()
 
 
@@ -141,8 +140,7 @@ def test_a_run_is_not_resumed_without_a_photo_that_was_damaged_since(small_scene
 
 
 def test_a_run_that_may_not_be_written_in_is_not_resumed(trained, tmp_path, monkeypatch):
-    folder = shutil.copytree(trained[0], tmp_path / "run")
-    shutil.rmtree(folder / "point_cloud")  # as if it was stopped before its last file
+    folder = unfinished(shutil.copytree(trained[0], tmp_path / "run"))
     monkeypatch.setattr("tempfile.mkdtemp", failing(DENIED))
     monkeypatch.setattr(training, "Trainer", None)  # which decodes the photos
     with pytest.raises(

@@ -25,6 +25,7 @@ from tests.failing import failing
 from tests.heard import Heard
 from tests.paths import PLAZA
 from tests.real_data import real
+from tests.small import trained_to_the_end
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
 
 SMALL = {
@@ -210,10 +211,7 @@ def calm(tmp_path_factory):
 
 def trained(collection, folder: Path, settings: Settings) -> Trainer:
     folder.mkdir()
-    trainer = Trainer(collection, settings, folder)
-    for _ in trainer.train():
-        pass
-    return trainer
+    return trained_to_the_end(Trainer(collection, settings, folder))
 
 
 def test_a_calm_collection_trains_as_plain_3dgs_bit_for_bit(calm, tmp_path):

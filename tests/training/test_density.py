@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from core.training.gaussians.densify import STIFFEST
+from tests.small import trained_to_the_end
 
 
 def test_the_cap_always_holds(trainer_of):
@@ -81,9 +82,7 @@ def test_passers_by_are_removed_where_masks_can_be_trusted(trainer_of, monkeypat
 
 
 def test_no_gaussian_is_left_thinner_than_viewers_can_draw(trainer_of):
-    trainer = trainer_of(steps=30, scale_rate=0.4)
-    for _ in trainer.train():
-        pass
+    trainer = trained_to_the_end(trainer_of(steps=30, scale_rate=0.4))
     scales = trainer.gaussians.splats.log_scales[: trainer.gaussians.solid_count]
     stiffest = float((scales.amax(dim=1) - scales.amin(dim=1)).exp().max())
     assert stiffest == pytest.approx(STIFFEST, rel=1e-4)  # without the limit some are

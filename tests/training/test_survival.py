@@ -26,7 +26,7 @@ from core.training.mask_files import write_masks
 from core.training.trainer import SKIPS_TO_STOP, Trainer
 from tests.data.checks import notes_with
 from tests.data.small_scene import SmallScene
-from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+from tests.small import HEIGHT, WIDTH, small_collection, small_settings, trained_to_the_end
 
 
 def run(collection, folder, **changes):
@@ -304,8 +304,7 @@ def test_several_in_a_row_stop_with_a_checkpoint_that_goes_on_bit_for_bit(collec
     spoil(trainer, SKIPS_TO_STOP, WRONG[words])
     trainer.density.grow_at, few = [22], trainer.gaussians.solid_count
     with pytest.raises(TrainingStopped, match=f"{SKIPS_TO_STOP} steps in a row.*{words}.*Saved .*checkpoint_000022"):
-        for _ in trainer.train():
-            pass
+        trained_to_the_end(trainer)
     assert trainer.gaussians.solid_count > few  # a round of growth was due just then
     resumed = Trainer(collection, small_settings(), folder)
     resumed.resume(checkpoint.load(checkpoint.newest(folder)))

@@ -21,7 +21,7 @@ from core.run import checkpoint, run_config
 from core.run.background import WHITE
 from core.training.trainer import Trainer
 from tests.heard import Heard
-from tests.small import small_collection, small_settings
+from tests.small import small_collection, small_settings, trained_to_the_end
 from tests.training.transparent_scene import write_transparent_scene
 
 PLAIN = {"appearance": "off", "transients": "off", "sh_degree": 0, "device": "cpu"}
@@ -35,10 +35,7 @@ def scene(tmp_path_factory):
 
 def trained(scene, folder, **changes) -> Trainer:
     folder.mkdir()
-    trainer = Trainer(load_collection(scene), Settings(**SMALL | changes), folder)
-    for _ in trainer.train():
-        pass
-    return trainer
+    return trained_to_the_end(Trainer(load_collection(scene), Settings(**SMALL | changes), folder))
 
 
 def rgba(photo) -> np.ndarray:

@@ -3,6 +3,7 @@ of photos from outside where these were taken is found."""
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from statistics import fmean
 
 import cv2
@@ -22,6 +23,8 @@ from core.scene.cells import cell_sums
 from tests.data.room_corner import HEIGHT, WIDTH
 from tests.heard import Heard
 from tests.looks.lit_corner import lit_corner
+
+ORANGE, BLUE = (20, 120, 240), (230, 60, 20)  # B, G, R
 
 
 @pytest.fixture(scope="module")
@@ -211,16 +214,22 @@ def test_a_texture_is_nowhere(trained, tmp_path, size):
     assert locate(trained, find_look(trained, str(path), refine=False), path, None, Report()) is None
 
 
-def test_what_a_mask_hides_does_not_tell_where_a_photo_was_taken(trained, tmp_path):
+def painted_below(trained: TrainedRun, folder: Path, colour: tuple[int, int, int]) -> tuple[Path, Path]:
+    """Photo 2.png, the lowest eighth of it of one colour, and a mask that hides that; both in `folder`."""
     pixels, mask = cv2.imread(str(trained.collection.photo("2.png").path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
-    mask[-HEIGHT // 8 :] = 0
-    cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    read, found = find_look(trained, "2.png", refine=False), []
-    for colour in ((20, 120, 240), (230, 60, 20)):
-        pixels[-HEIGHT // 8 :] = colour
-        cv2.imwrite(str(tmp_path / "photo.png"), pixels)
-        found.append(locate(trained, read, tmp_path / "photo.png", tmp_path / "mask.png", Report()))
-    assert found[0].camera.numbers() == found[1].camera.numbers()
+    pixels[-HEIGHT // 8 :], mask[-HEIGHT // 8 :] = colour, 0
+    paths = folder / "photo.png", folder / "mask.png"
+    for path, picture in zip(paths, (pixels, mask), strict=True):
+        assert cv2.imwrite(str(path), picture)
+    return paths
+
+
+def test_what_a_mask_hides_does_not_tell_where_a_photo_was_taken(trained, tmp_path):
+    read = find_look(trained, "2.png", refine=False)
+    first, second = (
+        locate(trained, read, *painted_below(trained, tmp_path, colour), Report()) for colour in (ORANGE, BLUE)
+    )
+    assert first.camera.numbers() == second.camera.numbers()
 
 
 def test_a_photo_of_another_place_keeps_the_look_that_was_read(trained, tmp_path):
@@ -281,14 +290,10 @@ def test_a_mask_too_fine_for_the_size_that_is_drawn_leaves_the_look_as_it_was_re
 
 
 def test_what_the_mask_of_a_photo_hides_does_not_move_its_look(trained, tmp_path, few_steps):
-    pixels, mask = cv2.imread(str(trained.collection.photo("2.png").path)), np.full((HEIGHT, WIDTH), 255, np.uint8)
-    mask[-HEIGHT // 8 :] = 0
-    cv2.imwrite(str(tmp_path / "mask.png"), mask)
     looks = []
-    for colour in ((20, 120, 240), (230, 60, 20)):
-        pixels[-HEIGHT // 8 :] = colour
-        cv2.imwrite(str(tmp_path / "photo.png"), pixels)
-        looks.append(find_look(trained, str(tmp_path / "photo.png"), tmp_path / "mask.png", refine=True))
+    for colour in (ORANGE, BLUE):
+        photo, mask = painted_below(trained, tmp_path, colour)
+        looks.append(find_look(trained, str(photo), mask, refine=True))
     assert alike(looks[0].colouring, looks[1].colouring)
 
 

@@ -18,6 +18,7 @@ from core.evaluation import lpips
 from core.looks.trained import load_run
 from core.pipeline import training
 from core.presets import PRESETS
+from core.report import QUIET
 from samples import ablation, compare
 from samples.measurements import finished
 from samples.measurements.variants import FULL, VARIANTS
@@ -82,33 +83,62 @@ def test_a_table_of_embeddings_starts_from_its_mean(runs):
     assert torch.equal(look.embedding, live.model.mean_embedding) and look.embedding.abs().max() > 0
 
 
-def test_a_finished_variant_is_not_measured_again_and_a_stopped_one_is_resumed(small_scene, tmp_path, monkeypatch):
-    settings, folder = small_settings(**TINY, device="auto"), tmp_path / "run"
+@pytest.fixture
+def measured(small_scene, tmp_path):
+    """A function that has a variant trained and measured, as far as that has not been done."""
+    settings = small_settings(**TINY, device="auto")
+
+    def measure(*protocols, scene=small_scene, folder=tmp_path / "run", report=QUIET, **changes):
+        return finished.measured(scene, settings.changed(**changes), folder, protocols or ("full",), report)
+
+    return measure
+
+
+def test_a_stopped_variant_is_resumed(measured, tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        finished.measured(small_scene, settings, folder, ("full",), StopsAtStep(2))
+        measured(report=StopsAtStep(2))
     assert not json.loads((tmp_path / "run.json").read_text())["results"]
     heard = Heard()
-    first = finished.measured(small_scene, settings, folder, ("full",), heard)
-    assert any(line.startswith(f"Going on with {folder} from step 2") for line in heard.lines)
-    with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "train", None)
-        patch.setattr(pipeline, "resume", None)
-        assert finished.measured(small_scene, settings, folder, ("full",), heard) == first
-        both = finished.measured(small_scene, settings, folder, ("full", "half"), heard)  # measured, not trained
-        assert set(both["results"]) == {"full", "half"} and both["results"]["full"] == first["results"]["full"]
-    for scene, output in ((tmp_path / "mistyped", folder), (small_scene, tmp_path / "run.json" / "run")):
-        with pytest.raises(BadInput, match="no folder|not a folder"):
-            finished.measured(scene, settings, output, ("full",), heard)
-    assert (
-        finished.measured(small_scene, settings, folder, ("full",), heard) == both
-        and not (tmp_path / "mistyped").exists()
-    )
+    assert set(measured(report=heard)["results"]) == {"full"}
+    assert any(line.startswith(f"Going on with {tmp_path / 'run'} from step 2") for line in heard.lines)
+
+
+def test_a_finished_variant_is_not_trained_again(measured, monkeypatch):
+    first = measured()
+    monkeypatch.setattr(pipeline, "train", None)
+    monkeypatch.setattr(pipeline, "resume", None)
+    assert measured() == first
+    both = measured("full", "half")
+    assert set(both["results"]) == {"full", "half"} and both["results"]["full"] == first["results"]["full"]
+    assert measured() == both
+
+
+def test_a_scene_that_is_not_there_is_refused_and_the_figures_stay(measured, tmp_path):
+    first = measured()
+    with pytest.raises(BadInput, match="no folder"):
+        measured(scene=tmp_path / "mistyped")
+    assert not (tmp_path / "mistyped").exists() and measured() == first
+
+
+def test_an_output_below_a_file_is_refused_and_the_figures_stay(measured, tmp_path):
+    first = measured()
+    with pytest.raises(BadInput, match="not a folder"):
+        measured(folder=tmp_path / "run.json" / "run")
+    assert measured() == first
+
+
+def test_another_scene_of_the_same_name_is_refused_and_the_figures_stay(measured, small_scene, tmp_path):
+    first = measured()
     (tmp_path / "elsewhere").mkdir()
     namesake = shutil.copytree(small_scene, tmp_path / "elsewhere" / small_scene.name)
     with pytest.raises(BadInput, match="of another scene"):
-        finished.measured(namesake, settings, folder, ("full",), heard)
-    assert finished.measured(small_scene, settings, folder, ("full",), heard) == both
-    other = finished.measured(small_scene, settings.changed(seed=1), folder, ("full",), heard)
+        measured(scene=namesake)
+    assert measured() == first
+
+
+def test_with_other_settings_nothing_is_left_of_the_figures(measured):
+    measured("full", "half")
+    other = measured(seed=1)
     assert other["results"]["full"]["seed"] == 1 and "half" not in other["results"]
 
 

@@ -12,6 +12,7 @@ from core.rasterizer import BACKENDS, BLACK, ON_GPU, Rasterizer, Visible, create
 from core.rasterizer.shares import Shares
 from core.scene.camera import Camera
 from core.scene.splats import Splats
+from tests.rasterizer.scenes import BACKGROUND
 
 FAST_BACKENDS = [name for name in BACKENDS if name != "reference"]
 # What Triton's interpreter takes half a minute and more for: 1 ms a splat and tile. On a GPU all scenes are drawn.
@@ -49,13 +50,28 @@ def is_interpreted(name: str) -> bool:
     return name in ON_GPU and not torch.cuda.is_available()
 
 
+def device_of(name: str) -> str:
+    """Where the backend `name` takes tensors on this machine."""
+    return "cuda" if name in ON_GPU and not is_interpreted(name) else "cpu"
+
+
 def backend_or_skip(name: str, scene: str | None = None) -> Rasterizer:
     """The backend `name`, or a skip that says what this machine lacks; scene:
     of SCENES, that is to be drawn with it."""
     try:
-        backend = create(name, "cuda" if name in ON_GPU and not is_interpreted(name) else "cpu")
+        backend = create(name, device_of(name))
     except BadSetting as missing:
         pytest.skip(str(missing))
     if is_interpreted(name) and scene in TOO_LARGE:
         pytest.skip(f"{scene} is too large for Triton's interpreter; it is drawn where there is a GPU.")
-    return backend if is_interpreted(name) or name not in ON_GPU else Moving(backend, Tensor.cuda, Tensor.cpu)
+    return backend if device_of(name) == "cpu" else Moving(backend, Tensor.cuda, Tensor.cpu)
+
+
+def picture_and_gradients(
+    rasterizer: Rasterizer, splats: Splats, camera: Camera, probe: Tensor | None = None, known=None
+) -> list[Tensor]:
+    """The picture, and the gradients of a loss by all parameters and by the probe, if it wants one."""
+    splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
+    image = rasterizer.render(splats, camera, BACKGROUND, probe, known)
+    inputs = [*splats.tensors().values(), *([probe] if probe is not None and probe.requires_grad else [])]
+    return [image.detach(), *torch.autograd.grad((image**3).sum(), inputs)]

@@ -16,6 +16,7 @@ from core.scene.harmonics import coefficient_count
 from core.scene.splats import Splats
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # a rotation with no zero that matters
+BACKGROUND = (0.2, 0.4, 0.1)
 SCENES: dict[str, Callable[[], "Scene"]] = {}
 
 
@@ -26,7 +27,7 @@ class Scene:
 
     splats: Splats
     camera: Camera
-    background: tuple[float, float, float] = (0.2, 0.4, 0.1)
+    background: tuple[float, float, float] = BACKGROUND
     margin: float = 1e-4
 
 
@@ -70,6 +71,10 @@ def cloud(
     sh = random.normal(0, 0.3, (count, coefficient_count(degree), 3))
     sh[:, 0] += 0.5
     return in_world(view, local, random.normal(size=(count, 4)), np.log(axes), np.log(opacity / (1 - opacity)), sh)
+
+
+def double(splats: Splats) -> Splats:
+    return splats.map(torch.Tensor.double)
 
 
 def in_world(

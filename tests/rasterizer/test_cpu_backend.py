@@ -1,13 +1,15 @@
-"""The CPU backend as a citizen of torch: threads, autograd, memory layouts, refusals."""
+"""The CPU backend: threads, what is known of a view, the probe, and refusals."""
+
+from functools import partial
 
 import pytest
 import torch
 
 from core.errors import BadInput
 from core.rasterizer import create
-from core.rasterizer.cpu.backend import CpuRasterizer
 from core.rasterizer.inputs import check
 from core.scene.splats import Splats
+from tests.rasterizer.backends import picture_and_gradients
 from tests.rasterizer.scenes import camera, cloud
 from tests.rasterizer.tolerances import FLIPPED_PIXEL, PICTURE
 
@@ -19,12 +21,7 @@ def scene():
     return cloud(view, 3000, seed=50, degree=2, sizes_px=(0.5, 12.0)), view
 
 
-def results(splats, view, probe=None, known=None):
-    splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
-    image = create("cpu").render(splats, view, (0.2, 0.5, 0.1), probe, known)
-    inputs = list(splats.tensors().values()) + ([] if probe is None else [probe])
-    gradients = torch.autograd.grad((image**3).sum(), inputs)
-    return [image.detach(), *gradients]
+results = partial(picture_and_gradients, create("cpu"))
 
 
 def test_any_number_of_threads_gives_the_same_bits(scene, on_threads, monkeypatch):
@@ -64,30 +61,6 @@ def test_reusing_what_was_found_for_other_gaussians_is_refused(scene):
         create("cpu").render(splats, view, known=known)
 
 
-def test_memory_layout_does_not_matter(scene):
-    splats, view = scene
-    strided = splats.map(lambda tensor: torch.stack([tensor, tensor + 1], dim=-1)[..., 0])
-    assert not strided.sh.is_contiguous()
-    assert all(torch.equal(a, b) for a, b in zip(results(splats, view), results(strided, view), strict=True))
-
-
-def test_inputs_are_not_changed(scene):
-    splats, view = scene
-    before = splats.map(torch.clone)
-    results(splats, view)
-    assert all(torch.equal(a, b) for a, b in zip(before.tensors().values(), splats.tensors().values(), strict=True))
-
-
-def test_a_single_gradient_can_be_computed_alone_and_twice(scene):
-    splats, view = scene
-    all_gradients = results(splats, view)
-    coefficients = splats.sh.clone().requires_grad_()
-    loss = (create("cpu").render(splats.with_sh(coefficients), view, (0.2, 0.5, 0.1)) ** 3).sum()
-    first, second = (torch.autograd.grad(loss, coefficients, retain_graph=True)[0] for _ in range(2))
-    assert torch.equal(first, second)
-    assert torch.equal(first, all_gradients[-1])
-
-
 def test_probe_moves_the_centres(scene):
     """A probe of (3, -2) px does what moving the principal point by as much does, but for the Jacobian's clamp."""
     splats, view = scene
@@ -118,22 +91,6 @@ def test_ten_thousand_on_one_pixel_and_the_rest_of_the_picture():
     few = cloud(wide, 100, seed=19, degree=0, depths=(5.0, 9.0))
     alone, together = (create("cpu").render(each, wide) for each in (few, Splats.concatenate([crowd, few])))
     assert torch.equal(alone[:, 40:], together[:, 40:]) and alone[:, 40:].any()
-
-
-@pytest.mark.parametrize("name", ["means", "quaternions", "log_scales", "logit_opacities", "sh", "probe"])
-def test_other_dtypes_and_devices_are_refused_by_name(name):
-    view = camera()
-    inputs = cloud(view, 5, seed=51).tensors() | {"probe": torch.zeros(5, 2)}
-    for wrong in (inputs[name].double(), inputs[name].to("meta")):
-        changed = inputs | {name: wrong}
-        probe = changed.pop("probe")
-        splats = Splats(**changed)
-        with pytest.raises(BadInput, match=f"got {name} as .* Give it float32 on the CPU"):
-            CpuRasterizer().render(splats, view, probe=probe)
-        if name != "probe":
-            for method in (CpuRasterizer().visible, CpuRasterizer().contributions):
-                with pytest.raises(BadInput, match=f"got {name} as"):
-                    method(splats, view)
 
 
 def test_shapes_that_do_not_fit_are_refused():

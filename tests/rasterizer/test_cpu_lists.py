@@ -3,10 +3,8 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from numba import njit
 
-from core.errors import BadInput
 from core.rasterizer import layout
 from core.rasterizer.contract import ALPHA_MIN
 from core.rasterizer.cpu import backend
@@ -121,10 +119,3 @@ def test_order_is_a_stable_sort_of_what_is_drawn():
 def test_totals_do_not_wrap_around():
     starts = running_starts(np.full(3, 2**31 - 1, dtype=np.int32))
     assert starts.tolist() == [0, 2**31 - 1, 2**32 - 2, 3 * (2**31 - 1)]
-
-
-def test_lists_beyond_the_memory_budget_are_refused(monkeypatch):
-    splats, view = scene()
-    monkeypatch.setattr(backend, "MEMORY_BUDGET", 10_000)
-    with pytest.raises(BadInput, match=r"300 Gaussians cover \d+ tiles of the 75x52 picture.*--max-gaussians"):
-        backend.CpuRasterizer().render(splats, view)

@@ -1,5 +1,4 @@
-"""The CUDA backend as a citizen of torch: lists, autograd, memory layouts, refusals.
-On a GPU, or by Triton's interpreter."""
+"""The CUDA backend: lists, room for them, the probe, and refusals. On a GPU, or by Triton's interpreter."""
 
 import sys
 from functools import partial
@@ -13,6 +12,7 @@ from core.errors import BadInput, BadSetting
 from core.rasterizer.layout import TILE
 from core.rasterizer.view import view_of
 from core.scene.splats import Splats
+from tests.rasterizer.backends import device_of, picture_and_gradients
 from tests.rasterizer.scenes import camera, cloud
 from tests.rasterizer.test_cpu_lists import check_tiles, scene
 
@@ -21,7 +21,7 @@ pytest.importorskip("triton", reason="Triton is not installed")
 from core.rasterizer.cuda import backend, bin
 from core.training.gaussians import chosen_rows_cuda
 
-DEVICE = "cuda" if torch.cuda.is_available() else "cpu"
+DEVICE = device_of("cuda")
 VIEW = camera(20, 17)
 
 
@@ -30,12 +30,8 @@ def splats() -> Splats:
     return cloud(VIEW, 12, seed=50, degree=2, sizes_px=(0.5, 8.0)).map(lambda tensor: tensor.to(DEVICE))
 
 
-def results(splats, probe=None, known=None, view=VIEW):
-    """Picture and gradients by all parameters."""
-    splats = splats.map(lambda tensor: tensor.detach().requires_grad_())
-    image = backend.CudaRasterizer().render(splats, view, (0.2, 0.5, 0.1), probe, known)
-    gradients = torch.autograd.grad((image**3).sum(), list(splats.tensors().values()))
-    return [image.detach(), *gradients]
+def results(splats, view=VIEW, **given):
+    return picture_and_gradients(backend.CudaRasterizer(), splats, view, **given)
 
 
 def lists_of(splats, view):
@@ -148,46 +144,14 @@ def test_too_little_room_is_reported(splats):
     assert image.isfinite().all()
 
 
-def test_memory_layout_does_not_matter(splats):
-    strided = splats.map(lambda tensor: torch.stack([tensor, tensor + 1], dim=-1)[..., 0])
-    assert not strided.sh.is_contiguous()
-    assert all(torch.equal(a, b) for a, b in zip(results(splats), results(strided), strict=True))
-
-
-def test_a_single_gradient_can_be_computed_alone_and_twice(splats):
-    all_gradients = results(splats)
-    coefficients = splats.sh.clone().requires_grad_()
-    loss = (backend.CudaRasterizer().render(splats.with_sh(coefficients), VIEW, (0.2, 0.5, 0.1)) ** 3).sum()
-    first, second = (torch.autograd.grad(loss, coefficients, retain_graph=True)[0] for _ in range(2))
-    assert torch.equal(first, second)
-    assert torch.equal(first, all_gradients[-1])
-
-
 def test_a_probe_of_zeros_changes_nothing_and_one_of_pixels_moves_the_centres(splats):
     probe = torch.zeros(len(splats), 2, device=DEVICE)
-    assert all(torch.equal(a, b) for a, b in zip(results(splats), results(splats, probe), strict=True))
+    assert all(torch.equal(a, b) for a, b in zip(results(splats), results(splats, probe=probe), strict=True))
     probe[:] = torch.tensor([3.0, -2.0])
     prepared = [backend.prepare(list(splats.tensors().values()), given, VIEW) for given in (None, probe)]
     both = (prepared[0].tile_counts > 0) & (prepared[1].tile_counts > 0)
     moved = (prepared[1].footprints - prepared[0].footprints)[both, :2]
     assert both.any() and (moved - probe[both]).abs().max() < 1e-5  # centres of up to 30 px, rounded
-
-
-@pytest.mark.parametrize("name", ["means", "quaternions", "log_scales", "logit_opacities", "sh", "probe"])
-def test_other_dtypes_and_devices_are_refused_by_name(splats, name):
-    given = splats.tensors() | {"probe": torch.zeros(len(splats), 2, device=DEVICE)}
-    for wrong in (given[name].double(), given[name].to("meta")):
-        changed = given | {name: wrong}
-        probe = changed.pop("probe")
-        # The others are compared with the means: of meta means these are right and the next tensor is wrong.
-        with pytest.raises(BadInput, match=r"The cuda rasterizer got \w+ as .* Give it float32 on"):
-            backend.CudaRasterizer().render(Splats(**changed), VIEW, probe=probe)
-
-
-def test_lists_beyond_the_memory_budget_are_refused(monkeypatch, splats):
-    monkeypatch.setattr(backend, "BYTES_PER_PAIR", 1 << 40)
-    with pytest.raises(BadInput, match=r"12 Gaussians cover \d+ tiles of the 20x17 picture.*--max-gaussians"):
-        backend.CudaRasterizer().render(splats, VIEW)
 
 
 @pytest.mark.parametrize("degree, most", [(3, 2**31 // 48), (0, 2**31 // 12)])

@@ -21,18 +21,12 @@ from core.rasterizer.reference import blend_weights, coverage, project
 from core.scene.camera import Camera
 from core.scene.harmonics import SH_0, SH_1, colour
 from core.scene.splats import Splats
-from tests.rasterizer.scenes import SCENES, camera, cloud, in_world
-
-EXACT = 1e-12  # float64 against the same formula in another order of operations, values of order 1
-BACKGROUND = (0.2, 0.4, 0.1)
+from tests.rasterizer.scenes import BACKGROUND, SCENES, camera, cloud, double, in_world
+from tests.rasterizer.tolerances import EXACT
 
 
 def draw(splats: Splats, view: Camera) -> torch.Tensor:
     return create("reference").render(splats, view, BACKGROUND)
-
-
-def double(splats: Splats) -> Splats:
-    return splats.map(torch.Tensor.double)
 
 
 def single(view: Camera, local, log_scales, opacity: float, quaternion=(1.0, 0.0, 0.0, 0.0)) -> Splats:

@@ -11,11 +11,8 @@ from core.rasterizer import BACKENDS, Rasterizer, create, reference
 from core.scene.camera import Camera
 from core.scene.splats import Splats
 from tests.rasterizer.backends import backend_or_skip
-from tests.rasterizer.scenes import SCENES, TURN, camera, cloud, poisoned
-from tests.rasterizer.tolerances import FLIPPED_PIXEL, FLIPPED_SHARE, PICTURE
-
-EXACT = 1e-12  # float64 against the same formula in another order of operations, values of order 1
-BACKGROUND = (0.2, 0.4, 0.1)
+from tests.rasterizer.scenes import BACKGROUND, SCENES, TURN, camera, cloud, double, poisoned
+from tests.rasterizer.tolerances import EXACT, FLIPPED_PIXEL, FLIPPED_SHARE, PICTURE
 
 
 @dataclass(frozen=True)
@@ -40,10 +37,6 @@ class Backend:
 @pytest.fixture(params=BACKENDS)
 def backend(request) -> Backend:
     return Backend(backend_or_skip(request.param), torch.float64 if request.param == "reference" else torch.float32)
-
-
-def double(splats: Splats) -> Splats:
-    return splats.map(torch.Tensor.double)
 
 
 def test_poison_leaves_the_neighbours_alone(backend):

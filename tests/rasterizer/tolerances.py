@@ -12,6 +12,8 @@ from core.rasterizer.contract import ALPHA_MAX, ALPHA_MIN, STOP_TRANSMITTANCE
 from core.rasterizer.reference import ReferenceRasterizer, coverage, pixel_chunks, projected
 from tests.rasterizer.scenes import Scene
 
+EXACT = 1e-12  # float64 against the same formula in another order of operations, values of order 1
+
 # Colours are of order 1. A projected centre is rounded to about 1e-7 of the picture's size plus the
 # principal point's distance (100 px: 1e-5 px), and alpha changes by at most 1 a pixel. The reference itself in float32
 # is within 6e-6 in all scenes.

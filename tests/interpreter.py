@@ -9,7 +9,7 @@ from triton.runtime import interpreter
 NOTHING_TO_RESTORE = SimpleNamespace(restore=lambda: None)
 WIDER = 4  # small enough that tests still have several programs
 # Kernels whose grid is `blocks(count, BLOCK)`, on numbers of which every test has many, and no result is of a program.
-OF_BLOCKS = {"blur_products_down", "blur_down", "compare", "combine", "encode_places"}
+OF_BLOCKS = {"blur_products_down", "blur_down", "compare", "combine", "encode_positions"}
 
 
 def hasten():

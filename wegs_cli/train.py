@@ -66,7 +66,7 @@ def train(scene, output, masks, preset_name, config, assignments, resume, force,
 
 def _refuse_what_resuming_ignores(scene: Path | None, output: Path | None) -> None:
     """Raise BadSetting if anything but -o is given beside --resume."""
-    from core.data.made import names_wegs
+    from core.data.made import holds_run_config
 
     context = click.get_current_context()
     given = [
@@ -75,7 +75,7 @@ def _refuse_what_resuming_ignores(scene: Path | None, output: Path | None) -> No
         if parameter.name not in ("resume", "output")
         and context.get_parameter_source(parameter.name) is ParameterSource.COMMANDLINE
     ]
-    if scene is not None and given == ["SCENE"] and output is None and names_wegs(scene):
+    if scene is not None and given == ["SCENE"] and output is None and holds_run_config(scene):
         fix = f"Type: {command('wegs', 'train', '--resume', '-o', scene)}"
         raise BadSetting(f"--resume takes the run to go on with from -o, not {scene}.", fix)
     if given:

@@ -14,7 +14,7 @@ STATIC_LOGIT = 3.0  # masks start near sigmoid(3) = 0.95, so that nothing is hid
 LAST_LAYER_GAIN = 0.1  # and nearly flat: the last layer's initial weights are scaled by this
 
 
-def rectified(layer: Layer) -> Layer:
+def he_initialised(layer: Layer) -> Layer:
     """`layer` with weights that keep the mean square of their input through a ReLU (He et al. 2015, eq. 10;
     PyTorch's own leave a sixth of it).
 
@@ -49,11 +49,11 @@ class MaskUNet(nn.Module):
 
     def __init__(self, channels: int):
         super().__init__()
-        self.down_1 = rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1))
-        self.down_2 = rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1))
+        self.down_1 = he_initialised(nn.Conv2d(channels, channels, 3, stride=2, padding=1))
+        self.down_2 = he_initialised(nn.Conv2d(channels, channels, 3, stride=2, padding=1))
         # Kernels of 4 are a multiple of the stride: those of 3 leave a far stronger chequerboard in the mask.
-        self.up_1 = rectified(nn.ConvTranspose2d(channels, channels, 4, stride=2, padding=1))
-        self.up_2 = rectified(nn.ConvTranspose2d(2 * channels, 1, 4, stride=2, padding=1))
+        self.up_1 = he_initialised(nn.ConvTranspose2d(channels, channels, 4, stride=2, padding=1))
+        self.up_2 = he_initialised(nn.ConvTranspose2d(2 * channels, 1, 4, stride=2, padding=1))
         with torch.no_grad():
             self.up_2.weight *= LAST_LAYER_GAIN
         nn.init.constant_(self.up_2.get_parameter("bias"), STATIC_LOGIT)

@@ -7,14 +7,14 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.attention import ChannelAttention, MaskUNet, rectified
+from core.appearance.attention import ChannelAttention, MaskUNet, he_initialised
 from core.config import Settings
 from core.errors import BadInput
 from core.system.threads import one_torch_thread
 
 CHANNELS = (16, 32, 32)  # of Enc1; the paper gives none, these cost a few ms per photo on one core
 WEAK_COMPONENT = 0.4  # of the strongest: what varies less between photos is amplified less
-UNSEEN = 1e-6  # added to the weights of cells, so that a band which the mask hides altogether has a colour, too
+LEAST_CELL_WEIGHT = 1e-6  # of all cells, so that a band which the mask hides altogether has a colour, too
 # Of the norm of the mean summary: variation below this is not light; photos of real collections vary by 0.1 and more.
 ALIKE = 0.01
 
@@ -47,11 +47,11 @@ class Enc1(nn.Sequential):
     def __init__(self):
         first, second, third = CHANNELS
         super().__init__(
-            rectified(nn.Conv2d(3, first, 3, stride=2, padding=1)),
+            he_initialised(nn.Conv2d(3, first, 3, stride=2, padding=1)),
             nn.ReLU(),
-            rectified(nn.Conv2d(first, second, 3, stride=2, padding=1)),
+            he_initialised(nn.Conv2d(first, second, 3, stride=2, padding=1)),
             nn.ReLU(),
-            rectified(nn.Conv2d(second, third, 3, padding=1)),
+            he_initialised(nn.Conv2d(second, third, 3, padding=1)),
             nn.ReLU(),
         )
 
@@ -64,7 +64,8 @@ def band_colours(photo: Float[Tensor, "3 h w"], weight: Float[Tensor, "1 1 h4 w4
     weight: how much each cell of 4 x 4 pixels counts."""
     if not bands:
         return photo.new_zeros(0)
-    weight = weight.detach() + UNSEEN  # detached: a mask must not learn to hide things for the sake of the embedding
+    # Detached: a mask must not learn to hide things for the sake of the embedding.
+    weight = weight.detach() + LEAST_CELL_WEIGHT
     height, width = weight.shape[2:]
     cells = F.adaptive_avg_pool2d(photo[None], (height, width))
     sums, weights = (F.adaptive_avg_pool2d(values, (bands, 1)) for values in (cells * weight, weight))
@@ -84,7 +85,7 @@ class Enc2(nn.Module):
         self.bands = bands
         channels = CHANNELS[-1]
         self.convolutions = nn.ModuleList(
-            rectified(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3)
+            he_initialised(nn.Conv2d(channels, channels, 3, stride=2, padding=1)) for _ in range(3)
         )
         self.embedding = nn.Linear(channels + 3 * bands, embedding_size)
 
@@ -103,13 +104,15 @@ class Enc2(nn.Module):
         return self.embedding(self.summary(features, photo, static))
 
     @torch.no_grad()
-    def start_apart(self, summaries: Float[Tensor, "photos d"]) -> None:
-        """Start the last layer so that the embeddings of these photos have mean zero and no correlation. Their
-        strongest component varies by about 0.7 (standard deviation), the others by less.
+    def initialise_embedding(self, summaries: Float[Tensor, "photos d"]) -> None:
+        """Initialise the last layer by principal components:
+        the embeddings of these photos have mean zero and no correlation.
+
+        Their strongest component varies by about 0.7 (standard deviation), the others by less.
 
         Embeddings that hardly differ leave the SH transfer nothing to learn from for most of a short run.
-        Data-dependent initialisation after Mishkin & Matas 2016, by principal components; weak components are amplified
-        less, and where photos do not differ at all, nothing is divided by zero.
+        Data-dependent initialisation after Mishkin & Matas 2016; weak components are amplified less, and where photos
+        do not differ at all, nothing is divided by zero.
         """
         centre = summaries.mean(dim=0)
         _, strengths, directions = torch.linalg.svd(summaries - centre, full_matrices=False)
@@ -158,8 +161,10 @@ class PhotoEncoder(nn.Module):
     def attend(
         self, photo: Float[Tensor, "3 h w"], masked: bool
     ) -> tuple[Float[Tensor, "1 c h4 w4"], Float[Tensor, "1 1 h4 w4"], Float[Tensor, "1 1 h4 w4"] | None]:
-        """M * F' + F, the M in it, and the mask: that M, but where `masked` is False M is 1,
-        and without a U-Net there is no mask."""
+        """The features M * F' + F, the weights M in them, and the predicted mask, None without a U-Net.
+
+        M is the mask, or 1 where there is none or `masked` is False.
+        """
         features = self.enc1(photo)
         if not self.attends:
             return features, torch.ones_like(features[:, :1]), None
@@ -170,8 +175,8 @@ class PhotoEncoder(nn.Module):
         return features + refined, torch.ones_like(features[:, :1]), mask
 
     @torch.no_grad()
-    def start_apart(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
-        """Let the embeddings of these photos (shrunk) start apart from each other; see Enc2.start_apart."""
+    def initialise_embedding(self, photos: Iterable[Float[Tensor, "3 h w"]]) -> None:
+        """As Enc2.initialise_embedding, by what the encoder sees of these photos (shrunk)."""
         if self.enc2 is None:
             return
         with one_torch_thread():  # more would round the principal components differently
@@ -179,7 +184,7 @@ class PhotoEncoder(nn.Module):
             for photo in photos:
                 attended, static, _ = self.attend(photo, masked=True)
                 summaries.append(self.enc2.summary(attended, photo, static))
-            self.enc2.start_apart(torch.stack(summaries))
+            self.enc2.initialise_embedding(torch.stack(summaries))
 
 
 class PlainMask(nn.Module):

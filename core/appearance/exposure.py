@@ -44,7 +44,7 @@ class ExposureTransfer(nn.Module):
         values = self.map(embedding).view(3, 4)
         return values[:, :3], values[:, 3]
 
-    def added(self, base: TransferInput, *given) -> Float[Tensor, "v c 3"]:
+    def base_plus_residual(self, base: TransferInput, *given) -> Float[Tensor, "v c 3"]:
         """The base SH plus `forward`."""
         return base.sh + self(base, *given)
 

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.attention import LAST_LAYER_GAIN, STATIC_LOGIT, rectified
+from core.appearance.attention import LAST_LAYER_GAIN, STATIC_LOGIT, he_initialised
 from core.appearance.positional_encoding import encode, encoded_size
 
 PHOTO_SIZE = 32  # learned numbers per photo
@@ -19,9 +19,9 @@ class MaskTable(nn.Module):
         super().__init__()
         self.photos = nn.Parameter(torch.randn(photos, PHOTO_SIZE))
         self.hidden = nn.ModuleList(
-            rectified(nn.Linear(inputs, WIDTH)) for inputs in (PHOTO_SIZE + encoded_size(2, OCTAVES), WIDTH)
+            he_initialised(nn.Linear(inputs, WIDTH)) for inputs in (PHOTO_SIZE + encoded_size(2, OCTAVES), WIDTH)
         )
-        self.last = rectified(nn.Linear(WIDTH, 1))
+        self.last = he_initialised(nn.Linear(WIDTH, 1))
         with torch.no_grad():
             self.last.weight *= LAST_LAYER_GAIN
         nn.init.constant_(self.last.bias, STATIC_LOGIT)

@@ -81,7 +81,7 @@ def tile_of(panels: int):
     return tile
 
 
-def room_for(count: int):
+def aligned_empty(count: int):
     """(count,) float32, uninitialised, from the beginning of a cache line on:
     vectors that lie across two take two loads, 10 % of a product."""
     room = np.empty(count + CACHE_LINE, np.float32)

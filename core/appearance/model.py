@@ -48,7 +48,7 @@ class AppearanceModel(nn.Module):
     # Each photo's embedding when it was last trained on, or, until then, the first photo's; no rows unless an encoder
     # gives embeddings.
     met_embeddings: Tensor
-    finished_embeddings: Tensor | None  # two rows per photo, see `meet_as_finished`; None before; not in the state dict
+    final_embeddings: Tensor | None  # two rows per photo, see `use_final_embeddings`; not in the state dict
     remembered: Tensor
 
     def __init__(self, settings: Settings, photo_names: Sequence[str]):
@@ -77,7 +77,7 @@ class AppearanceModel(nn.Module):
         self.register_buffer("mean_embedding", torch.zeros(settings.embedding_size))
         rows = len(self.photo_names) if settings.encodes_photos else 0
         self.register_buffer("met_embeddings", torch.zeros(rows, settings.embedding_size))
-        self.register_buffer("finished_embeddings", None, persistent=False)
+        self.register_buffer("final_embeddings", None, persistent=False)
         self.register_buffer("remembered", torch.zeros((), dtype=torch.int64))
 
     def _apply(self, function, recurse: bool = True) -> "AppearanceModel":
@@ -126,7 +126,9 @@ class AppearanceModel(nn.Module):
         return self.mean_embedding if embedding is None else embedding
 
     @torch.no_grad()
-    def encoded(self, pictures: Iterable[Float[Tensor, "3 h w"]]) -> tuple[Float[Tensor, "k e"], Float[Tensor, "k e"]]:
+    def encode_training_photos(
+        self, pictures: Iterable[Float[Tensor, "3 h w"]]
+    ) -> tuple[Float[Tensor, "k e"], Float[Tensor, "k e"]]:
         """The embeddings of the training photos, in the order of their rows:
         as photos of the collection, and as from outside.
 
@@ -139,10 +141,10 @@ class AppearanceModel(nn.Module):
         masked, unmasked = zip(*both)
         return torch.stack(masked), torch.stack(unmasked)
 
-    def meet_as_finished(self, masked: Float[Tensor, "k e"], unmasked: Float[Tensor, "k e"]) -> None:
-        """Use what `encoded` gave at the end of training as `known_embeddings`,
+    def use_final_embeddings(self, masked: Float[Tensor, "k e"], unmasked: Float[Tensor, "k e"]) -> None:
+        """Use what `encode_training_photos` gave at the end of training as `known_embeddings`,
         so that `known_range` holds the training photos read either way."""
-        self.finished_embeddings = torch.cat([masked, unmasked])
+        self.final_embeddings = torch.cat([masked, unmasked])
 
     def transfer(
         self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED
@@ -191,15 +193,15 @@ class AppearanceModel(nn.Module):
         splats = splats.detached()
         given = TransferInput(splats.sh, splats.means, latents), embedding, changes
         if self.sh_transfer is not None and self.predicts_residuals:
-            return splats.with_sh(self.sh_transfer.added(*given))
+            return splats.with_sh(self.sh_transfer.base_plus_residual(*given))
         return splats.with_sh(self.transfer(*given)[0])
 
     @property
     def known_embeddings(self) -> Float[Tensor, "k e"]:
         """The embeddings of the training photos: finished ones, else the table's, else as last met.
         No rows without appearance and before training."""
-        if self.finished_embeddings is not None:
-            return self.finished_embeddings
+        if self.final_embeddings is not None:
+            return self.final_embeddings
         known = self.met_embeddings if self.embedding_table is None else self.embedding_table.detach()
         return known if self.remembered else known[:0]
 

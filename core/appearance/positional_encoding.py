@@ -40,11 +40,11 @@ def contract(means: Float[Tensor, "n 3"]) -> Float[Tensor, "n 3"]:
     return means / norm * (1.0 - 0.5 / norm)
 
 
-def encoded_places(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
+def encoded_positions(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
     """encode(contract(means), octaves): the centres (scene frame) as the SH transfer takes them; without a gradient."""
     means = means.detach()
     if means.device.type == "cuda" and means.dtype == torch.float32:
         from core.appearance import positional_encoding_cuda  # Triton, which is there with a GPU only
 
-        return positional_encoding_cuda.encoded_places(means, octaves)
+        return positional_encoding_cuda.encoded_positions(means, octaves)
     return encode(contract(means), octaves)

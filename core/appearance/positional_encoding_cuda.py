@@ -1,4 +1,4 @@
-"""The encoded places of Gaussians on a GPU: core.appearance.positional_encoding in one launch,
+"""The encoded positions of Gaussians on a GPU: core.appearance.positional_encoding in one launch,
 where plain torch takes thirty."""
 
 import math
@@ -16,8 +16,8 @@ PI = tl.constexpr(math.pi)
 
 
 @triton.jit(do_not_specialize=["count"])
-def encode_places(means, places, count, OCTAVES: tl.constexpr, BLOCK: tl.constexpr):
-    """Write encode(contract(means), OCTAVES) of (count, 3) to `places` (count, 3 (1 + 2 OCTAVES))."""
+def encode_positions(means, positions, count, OCTAVES: tl.constexpr, BLOCK: tl.constexpr):
+    """Write encode(contract(means), OCTAVES) of (count, 3) to `positions` (count, 3 (1 + 2 OCTAVES))."""
     row = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     known = row < count
     x = tl.load(means + 3 * row, mask=known, other=0.0)
@@ -25,7 +25,7 @@ def encode_places(means, places, count, OCTAVES: tl.constexpr, BLOCK: tl.constex
     z = tl.load(means + 3 * row + 2, mask=known, other=0.0)
     norm = tl.maximum(tl.sqrt_rn(x * x + y * y + z * z), 1.0)
     for axis in tl.static_range(3):
-        at = places + row * (3 + 6 * OCTAVES) + axis
+        at = positions + row * (3 + 6 * OCTAVES) + axis
         value = tl.load(means + 3 * row + axis, mask=known, other=0.0) / norm * (1.0 - 0.5 / norm)
         tl.store(at, value, mask=known)
         sine, cosine = tl.sin(value * PI), tl.cos(value * PI)
@@ -35,10 +35,10 @@ def encode_places(means, places, count, OCTAVES: tl.constexpr, BLOCK: tl.constex
             sine, cosine = sine * cosine * 2.0, 1.0 - sine * sine * 2.0
 
 
-def encoded_places(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
-    """`positional_encoding.encoded_places` for float32 on a GPU."""
-    places = means.new_empty(len(means), encoded_size(3, octaves))
-    encode_places[blocks(len(means), BLOCK)](
-        means.contiguous(), places, len(means), OCTAVES=octaves, BLOCK=BLOCK, **FUSED
+def encoded_positions(means: Float[Tensor, "n 3"], octaves: int) -> Float[Tensor, "n e"]:
+    """`positional_encoding.encoded_positions` for float32 on a GPU."""
+    positions = means.new_empty(len(means), encoded_size(3, octaves))
+    encode_positions[blocks(len(means), BLOCK)](
+        means.contiguous(), positions, len(means), OCTAVES=octaves, BLOCK=BLOCK, **FUSED
     )
-    return places
+    return positions

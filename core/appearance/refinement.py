@@ -87,7 +87,7 @@ class InCells(Protocol):
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RefinementTarget:
     """What a photo shows, against which a look is refined. picture: as `camera` sees it, [0, 1].
     weight: how much each pixel counts, [0, 1]."""
 
@@ -96,11 +96,11 @@ class Wanted:
     weight: Float[Tensor, "h w"]
 
     @staticmethod
-    def of(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> "Wanted":
+    def of(camera: Camera, picture: Float[Tensor, "H W 3"], valid: Bool[Tensor, "H W"] | None) -> "RefinementTarget":
         """The photo, shrunk by area to LONGER_SIDE_PX if it is larger. valid: what of it counts; all, if None."""
         weight = torch.ones_like(picture[..., 0]) if valid is None else valid.float()
         if max(camera.width, camera.height) <= LONGER_SIDE_PX:
-            return Wanted(camera, picture, weight)
+            return RefinementTarget(camera, picture, weight)
         small = camera.within(LONGER_SIDE_PX)
 
         def means(values: Float[Tensor, "H W c"]) -> Float[Tensor, "h w c"]:
@@ -108,7 +108,7 @@ class Wanted:
             return F.interpolate(planes, size=(small.height, small.width), mode="area")[0].permute(1, 2, 0)
 
         share = means(weight[..., None])
-        return Wanted(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])
+        return RefinementTarget(small, means(picture * weight[..., None]) / share.clamp_min(1e-6), share[..., 0])
 
     def cell_sums(self) -> tuple[Float[Tensor, " cells"], Float[Tensor, "cells 3"]]:
         """Of each cell, how many of its pixels count, and the sum of what these show."""
@@ -116,7 +116,7 @@ class Wanted:
         return cell_sums(weight)[:, 0], cell_sums(self.picture * weight)
 
 
-def refining_to(
+def refinement_steps(
     seen_by: Callable[[Camera], Refinable],
     start: Colouring,
     camera: Camera,
@@ -128,10 +128,10 @@ def refining_to(
 
     pixels: the photo, [0, 1]. valid: which pixels count; None: all. on_progress: called after each step.
     """
-    wanted = Wanted.of(camera, pixels, valid)
-    seen = seen_by(wanted.camera)
+    photo = RefinementTarget.of(camera, pixels, valid)
+    seen = seen_by(photo.camera)
     steps = STEPS + LATER_STEPS if seen.hidden_weights else STEPS
-    for step, look in enumerate(refinement(seen, start, wanted)):
+    for step, look in enumerate(refinement(seen, start, photo)):
         on_progress(step, steps)
         yield look
 
@@ -141,7 +141,7 @@ def last(course: Iterator[Colouring]) -> Colouring:
     return deque(course, maxlen=1).pop()
 
 
-def refinement(seen: Refinable, start: Colouring, photo: Wanted) -> Iterator[Colouring]:
+def refinement(seen: Refinable, start: Colouring, photo: RefinementTarget) -> Iterator[Colouring]:
     """The best look after 0, 1, ... steps from `start`. photo: of the camera that sees the view.
 
     It minimises the mean |render - photo| of cells: detail finer than a cell says where things lie, not how they are
@@ -158,13 +158,13 @@ def refinement(seen: Refinable, start: Colouring, photo: Wanted) -> Iterator[Col
     def misfit(look: Colouring) -> Tensor:
         return (share[:, None] * (cells.sums(look) - wanted).abs()).sum() / compared
 
-    best = yield from _as_a_whole(seen, start, misfit)
+    best = yield from _fit_output_layer(seen, start, misfit)
     if seen.hidden_weights:
-        yield from _place_by_place(seen, best, misfit, cells.unseen)
+        yield from _fit_hidden_layers(seen, best, misfit, cells.unseen)
 
 
 @torch.no_grad()
-def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted:
+def without_strangers(seen: Refinable, look: Colouring, photo: RefinementTarget) -> RefinementTarget:
     """The photo with lower weights, down to 0, where it looks strange in this look:
     passers-by would otherwise be painted onto the place."""
     counted, sums = photo.cell_sums()
@@ -177,7 +177,7 @@ def without_strangers(seen: Refinable, look: Colouring, photo: Wanted) -> Wanted
     return replace(photo, weight=photo.weight * static.flatten()[cell_of_pixels(photo.weight)])
 
 
-def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
+def _fit_output_layer(seen: Refinable, start: Colouring, misfit: Callable[[Colouring], Tensor]) -> Course:
     """The first part: learn the tone and the weights that the embedding gives or, where it gives none, the embedding.
 
     The embedding stays within `bound`: beyond, the SH transfer makes up colours for what the photo does not show. One
@@ -194,7 +194,7 @@ def _as_a_whole(seen: Refinable, start: Colouring, misfit: Callable[[Colouring],
     return _descent(learning, STEPS, lambda: Colouring(embedding, gains.exp(), changes), misfit)
 
 
-def _place_by_place(
+def _fit_hidden_layers(
     seen: Refinable, first: Colouring, misfit: Callable[[Colouring], Tensor], unseen: Int[Tensor, " u"]
 ) -> Course:
     """The second part: learn the hidden layers, and further the weights that embeddings give;

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from core.appearance.attention import rectified
+from core.appearance.attention import he_initialised
 from core.appearance.colouring import UNCHANGED, Weights
 from core.appearance.positional_encoding import encode, encoded_size
 from core.appearance.transfer_mlp import HiddenLayers, OutputLayer, blockwise_mlp, blockwise_sum, chunked_mlp
@@ -68,7 +68,7 @@ class SHTransfer(nn.Module):
         width = settings.transfer_width
         inputs = sum(self.first_columns), *(width,) * (settings.transfer_layers - 2)
         layers = [nn.Linear(columns, width) for columns in inputs]
-        self.layers = nn.ModuleList(rectified(layer) for layer in layers)
+        self.layers = nn.ModuleList(he_initialised(layer) for layer in layers)
         if self.mixes:
             self.last = nn.Linear(settings.embedding_size, self.coefficients * (width + self.feature_columns + 1))
         else:
@@ -98,7 +98,7 @@ class SHTransfer(nn.Module):
             return blockwise_mlp(encoded_sh, latents, means, hidden_layers, output_layer, octaves, bound).view_as(sh)
 
     @torch.no_grad()
-    def added(
+    def base_plus_residual(
         self, base: TransferInput, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED
     ) -> Float[Tensor, "v c 3"]:
         """The base SH plus `forward`, bit for bit; without a gradient, and on a CPU in one pass."""
@@ -143,13 +143,13 @@ class SHTransfer(nn.Module):
         first_weight, first_bias, *further = [
             changed(weight, f"layers.{name}", changes) for name, weight in self.layers.named_parameters()
         ]
-        feature_weight, place_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
+        feature_weight, position_weight, embedding_weight = first_weight.split(self.first_columns, dim=1)
         if not self.mixes:
             first_bias = embedding_weight @ embedding + first_bias
         width = len(first_bias)
         weights = torch.stack(further[::2]) if further else first_weight.new_empty(0, width, width)
         biases = torch.stack(further[1::2]) if further else first_weight.new_empty(0, width)
-        return HiddenLayers(feature_weight, place_weight, first_bias, weights, biases)
+        return HiddenLayers(feature_weight, position_weight, first_bias, weights, biases)
 
     def output_layer(self, embedding: Float[Tensor, " e"], changes: Weights = UNCHANGED) -> OutputLayer:
         """The output layer of this photo."""

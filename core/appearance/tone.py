@@ -19,7 +19,7 @@ TOWARD_ONE = 0.1
 # Darker is nearly black in 8 bits; brighter is beyond the jitter of training, which is clamped here, too.
 LEAST_GAIN, LARGEST_GAIN = 0.02, 1.4
 ROUNDS = 100  # of coordinate descent
-DIM = 1e-6  # makes 0 / 0 a gain of 1, in bands where views show nothing
+EPSILON = 1e-6  # makes 0 / 0 a gain of 1, in bands where views show nothing
 
 
 def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:
@@ -27,17 +27,17 @@ def band_means(picture: Float[Tensor, "3 h w"]) -> Float[Tensor, "bands 3"]:
     return F.adaptive_avg_pool2d(picture, (BANDS, 1))[..., 0].T
 
 
-def tone_between(shares: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "bands 3"]) -> Float[Tensor, "2 3"]:
-    """The tone in which what place and sky add to the mean colours of the bands, their shares,
+def tone_between(layers: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "bands 3"]) -> Float[Tensor, "2 3"]:
+    """The tone in which what place and sky add to the mean colours of the bands, the layers,
     comes nearest to those wanted.
 
     Least squares |g_place P + g_sky S - wanted|^2 + TOWARD_ONE^2 |g - 1|^2 per channel, by coordinate descent;
     LEAST_GAIN <= g <= LARGEST_GAIN.
     """
-    place, sky = shares.double()
+    place, sky = layers.double()
     wanted = wanted.double()
     weight = TOWARD_ONE**2
-    tone = torch.ones_like(shares[:, 0]).double()
+    tone = torch.ones_like(layers[:, 0]).double()
     for _ in range(ROUNDS):
         for row, mine, other in ((0, place, sky), (1, sky, place)):
             left = wanted - other * tone[1 - row]
@@ -47,10 +47,10 @@ def tone_between(shares: Float[Tensor, "2 bands 3"], wanted: Float[Tensor, "band
 
 
 def taken_off(
-    picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], shares: Float[Tensor, "2 bands 3"]
+    picture: Float[Tensor, "3 h w"], tone: Float[Tensor, "2 3"], layers: Float[Tensor, "2 bands 3"]
 ) -> Float[Tensor, "3 h w"]:
     """The photo without the tone, in [0, 1]: every row divided by the gain of what place and sky add up to there."""
-    with_tone, without = ((shares * gain).sum(dim=0) + DIM for gain in (tone[:, None], 1.0))
+    with_tone, without = ((layers * gain).sum(dim=0) + EPSILON for gain in (tone[:, None], 1.0))
     rows = F.interpolate((with_tone / without).T[None], size=picture.shape[1], mode="linear", align_corners=False)[0]
     return (picture / rows[..., None]).clamp(max=1.0)
 

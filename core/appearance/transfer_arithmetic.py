@@ -49,7 +49,7 @@ def bound_softly(values, bound, base, output):
 
 
 @part
-def encode_places(means, octaves, encoded):
+def encode_positions(means, octaves, encoded):
     """positional_encoding.encode(contract(means), octaves) of float32 means (n, 3),
     transposed into `encoded` (columns, >= n) float32.
 

@@ -10,9 +10,9 @@ are padded but not transposed. Buffers have padded columns too, which stay zero.
 
 import numpy as np
 
-from core.appearance.matrix_product import ANY, PANEL, TILE_ROWS, ZERO, multiply, room_for
+from core.appearance.matrix_product import ANY, PANEL, TILE_ROWS, ZERO, aligned_empty, multiply
 from core.appearance.positional_encoding import encoded_size
-from core.appearance.transfer_arithmetic import bound_softly, encode_places
+from core.appearance.transfer_arithmetic import bound_softly, encode_positions
 from core.kernels.compiled import kernel, part
 
 STRIP = 128  # rows at a time: what is at work on them fits the second-level cache, at width 32 nearly the first
@@ -24,19 +24,19 @@ def rounded_up(count, to):
 
 
 # As kernels call them.
-_rounded_up, _encoded_size, _room_for = part(rounded_up), part(encoded_size), part(room_for)
+_rounded_up, _encoded_size, _aligned_empty = part(rounded_up), part(encoded_size), part(aligned_empty)
 
 
 @part
-def matrix(rows, columns):
-    """An uninitialised one that begins at a cache line."""
-    return _room_for(rows * columns).reshape(rows, columns)
+def aligned_matrix(rows, columns):
+    """An uninitialised (rows, columns) float32 matrix, aligned to a cache line."""
+    return _aligned_empty(rows * columns).reshape(rows, columns)
 
 
 @part
 def zeros(rows, columns):
-    """A `matrix` of zeros."""
-    result = matrix(rows, columns)
+    """An `aligned_matrix` of zeros."""
+    result = aligned_matrix(rows, columns)
     result[:] = 0
     return result
 
@@ -60,16 +60,16 @@ def copy_rows(encoded_sh, latents, begin, end, features):
 
 
 @part
-def read_strip(encoded_sh, latents, means, octaves, begin, end, features, places):
-    """Rows begin..end of the whole input: features as they are, places encoded and transposed; zeros beyond."""
+def read_strip(encoded_sh, latents, means, octaves, begin, end, features, positions):
+    """Rows begin..end of the whole input: features as they are, positions encoded and transposed; zeros beyond."""
     copy_rows(encoded_sh, latents, begin, end, features)
-    encode_places(means[begin:end], octaves, places[: _encoded_size(3, octaves)])
+    encode_positions(means[begin:end], octaves, positions[: _encoded_size(3, octaves)])
 
 
 @kernel
-def evaluate(
+def mlp_forward(
     begin, end, encoded_sh, latents, means, octaves, bound, base,
-    feature_weight, place_weight, first_bias, hidden_weights, hidden_biases, output_weight, skip_weight, output_bias,
+    feature_weight, position_weight, first_bias, hidden_weights, hidden_biases, output_weight, skip_weight, output_bias,
     kept, output,
 ):  # fmt: skip
     """Write rows begin..end of bound * tanh(y / bound),
@@ -79,19 +79,18 @@ def evaluate(
     ask for them.
     """
     features = buffer_of(encoded_sh, latents)
-    places = matrix(len(place_weight), STRIP)
-    y, narrow = matrix(STRIP, len(output_bias)), _room_for(STRIP * output.shape[1])
+    positions = aligned_matrix(len(position_weight), STRIP)
+    y, narrow = aligned_matrix(STRIP, len(output_bias)), _aligned_empty(STRIP * output.shape[1])
     keeps = kept.shape[1] > 0
-    hidden = (
-        kept if keeps else matrix(kept.shape[0] * STRIP, kept.shape[2]).reshape(kept.shape[0], STRIP, kept.shape[2])
-    )
+    layers, _, width = kept.shape
+    hidden = kept if keeps else aligned_matrix(layers * STRIP, width).reshape(layers, STRIP, width)
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
-        read_strip(encoded_sh, latents, means, octaves, first, last, features, places)
+        read_strip(encoded_sh, latents, means, octaves, first, last, features, positions)
         at = first if keeps else 0
         here = hidden[0, at : at + STRIP]
         multiply(features, False, feature_weight, first_bias.reshape(1, -1), here, ANY)
-        multiply(places, True, place_weight, here, here, ZERO)
+        multiply(positions, True, position_weight, here, here, ZERO)
         for layer in range(len(hidden_weights)):
             before, here = here, hidden[layer + 1, at : at + STRIP]
             multiply(before, False, hidden_weights[layer], hidden_biases[layer : layer + 1], here, ZERO)
@@ -106,14 +105,14 @@ def evaluate(
 
 
 @kernel
-def differentiate_output(
+def output_backward(
     begin, end, encoded_sh, latents, bound, output, output_gradient, kept,
     to_output_weight, to_skip_weight, to_output_bias,
 ):  # fmt: skip
     """Write the part of dL/d(weights) of the output layer that rows begin..end of dL/d(output) make,
     transposed and padded (also to whole tiles).
 
-    output, kept: as `evaluate` left them, without a base. A gradient that is not wanted is empty.
+    output, kept: as `mlp_forward` left them, without a base. A gradient that is not wanted is empty.
     """
     to_output_weight[:], to_skip_weight[:], to_output_bias[:] = 0, 0, 0
     features = buffer_of(encoded_sh, latents)
@@ -121,46 +120,47 @@ def differentiate_output(
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
         copy_rows(encoded_sh, latents, first, last, features)
-        before_bound(output[first:last], output_gradient[first:last], bound, before_output)
-        add_products(features, True, before_output, to_skip_weight)
-        add_products(kept[kept.shape[0] - 1, first : first + STRIP], True, before_output, to_output_weight)
-        add_rows(before_output, to_output_bias)
+        bound_backward(output[first:last], output_gradient[first:last], bound, before_output)
+        add_weight_gradient(features, True, before_output, to_skip_weight)
+        add_weight_gradient(kept[kept.shape[0] - 1, first : first + STRIP], True, before_output, to_output_weight)
+        add_bias_gradient(before_output, to_output_bias)
 
 
 @kernel
-def differentiate_hidden(
+def hidden_backward(
     begin, end, encoded_sh, latents, means, octaves, bound, output, output_gradient, kept,
     back_feature, back_hidden, back_output, back_skip,
-    to_encoded_sh, to_latents, to_feature_weight, to_place_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
+    to_encoded_sh, to_latents,
+    to_feature_weight, to_position_weight, to_first_bias, to_hidden_weights, to_hidden_biases,
 ):  # fmt: skip
-    """As `differentiate_output` for the hidden layers, and write dL/d(encoded_sh) and dL/d(latents)."""
-    to_feature_weight[:], to_place_weight[:], to_first_bias[:] = 0, 0, 0
+    """As `output_backward` for the hidden layers, and write dL/d(encoded_sh) and dL/d(latents)."""
+    to_feature_weight[:], to_position_weight[:], to_first_bias[:] = 0, 0, 0
     to_hidden_weights[:], to_hidden_biases[:] = 0, 0
     columns, wide, layers = encoded_sh.shape[1], kept.shape[2], len(back_hidden)
     features = buffer_of(encoded_sh, latents)
-    places = zeros(_rounded_up(_encoded_size(3, octaves), TILE_ROWS), STRIP)
+    positions = zeros(_rounded_up(_encoded_size(3, octaves), TILE_ROWS), STRIP)
     before_output = zeros(STRIP, _rounded_up(output.shape[1], PANEL))
-    gradient, before = matrix(STRIP, wide), matrix(STRIP, wide)
-    block = matrix(STRIP, back_feature.shape[1])
+    gradient, before = aligned_matrix(STRIP, wide), aligned_matrix(STRIP, wide)
+    block = aligned_matrix(STRIP, back_feature.shape[1])
     nothing = zeros(1, max(wide, block.shape[1]))
     for first in range(begin, end, STRIP):
         last = min(first + STRIP, end)
-        read_strip(encoded_sh, latents, means, octaves, first, last, features, places)
-        before_bound(output[first:last], output_gradient[first:last], bound, before_output)
+        read_strip(encoded_sh, latents, means, octaves, first, last, features, positions)
+        bound_backward(output[first:last], output_gradient[first:last], bound, before_output)
         multiply(before_output, False, back_output, nothing, gradient, ANY)
-        stop_at_zeros(gradient, kept[layers, first : first + STRIP])
+        relu_backward(gradient, kept[layers, first : first + STRIP])
         for layer in range(layers - 1, -1, -1):
             here = kept[layer, first : first + STRIP]
             if to_hidden_weights.size:
-                add_products(here, True, gradient, to_hidden_weights[layer])
+                add_weight_gradient(here, True, gradient, to_hidden_weights[layer])
             if to_hidden_biases.size:
-                add_rows(gradient, to_hidden_biases[layer])
+                add_bias_gradient(gradient, to_hidden_biases[layer])
             multiply(gradient, False, back_hidden[layer], nothing, before, ANY)
-            stop_at_zeros(before, here)
+            relu_backward(before, here)
             gradient, before = before, gradient
-        add_products(features, True, gradient, to_feature_weight)
-        add_products(places, False, gradient, to_place_weight)
-        add_rows(gradient, to_first_bias)
+        add_weight_gradient(features, True, gradient, to_feature_weight)
+        add_weight_gradient(positions, False, gradient, to_position_weight)
+        add_bias_gradient(gradient, to_first_bias)
         if to_encoded_sh.size or to_latents.size:
             multiply(gradient, False, back_feature, nothing, block, ANY)
             if back_skip.size:
@@ -188,7 +188,7 @@ def without_padding(rows, columns, room):
 
 
 @part
-def before_bound(output, output_gradient, bound, into):
+def bound_backward(output, output_gradient, bound, into):
     """dL/dy of y -> bound * tanh(y / bound): the gradient times 1 - (output / bound)^2; zero in the rows beyond."""
     inverse = np.float32(1) / bound
     for i in range(output.shape[0]):
@@ -199,7 +199,7 @@ def before_bound(output, output_gradient, bound, into):
 
 
 @part
-def add_products(inputs, transpose, gradient, sums):
+def add_weight_gradient(inputs, transpose, gradient, sums):
     """Add the gradient of a weight, the transposed inputs times `gradient`, unless `sums` is empty.
     transpose: whether the inputs are still to be transposed."""
     if sums.size:
@@ -207,7 +207,7 @@ def add_products(inputs, transpose, gradient, sums):
 
 
 @part
-def add_rows(gradient, sums):
+def add_bias_gradient(gradient, sums):
     """Add the gradient of a bias, unless `sums` is empty."""
     if sums.size:
         for i in range(gradient.shape[0]):
@@ -216,7 +216,7 @@ def add_rows(gradient, sums):
 
 
 @part
-def stop_at_zeros(gradient, hidden):
+def relu_backward(gradient, hidden):
     """No gradient passes where a ReLU gave zero."""
     flat, values = gradient.reshape(-1), hidden.reshape(-1)
     for i in range(len(flat)):

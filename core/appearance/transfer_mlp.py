@@ -20,9 +20,9 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.utils.checkpoint import checkpoint
 
-from core.appearance.matrix_product import PANEL, TILE_ROWS, room_for
-from core.appearance.positional_encoding import encoded_places
-from core.appearance.transfer_kernels import STRIP, differentiate_hidden, differentiate_output, evaluate, rounded_up
+from core.appearance.matrix_product import PANEL, TILE_ROWS, aligned_empty
+from core.appearance.positional_encoding import encoded_positions
+from core.appearance.transfer_kernels import STRIP, hidden_backward, mlp_forward, output_backward, rounded_up
 from core.system.device import array_of
 from core.system.threads import in_parallel
 
@@ -37,7 +37,7 @@ class HiddenLayers(NamedTuple):
     and the further hidden ones'."""
 
     feature_weight: Float[Tensor, "width features"]
-    place_weight: Float[Tensor, "width encoded"]
+    position_weight: Float[Tensor, "width encoded"]
     first_bias: Float[Tensor, " width"]
     hidden_weights: Float[Tensor, "more width width"]
     hidden_biases: Float[Tensor, "more width"]
@@ -65,7 +65,7 @@ def plain_mlp(
     means: scene frame. octaves: of the encoding of the contracted means, see core.appearance.positional_encoding.
     """
     linear = torch.addmm  # a bias, or what is already there, plus a product: one kernel on a GPU
-    hidden = linear(hidden_layers.first_bias, encoded_places(means, octaves), hidden_layers.place_weight.T)
+    hidden = linear(hidden_layers.first_bias, encoded_positions(means, octaves), hidden_layers.position_weight.T)
     hidden = torch.relu(linear(hidden, features, hidden_layers.feature_weight.T))
     for weight, bias in zip(hidden_layers.hidden_weights, hidden_layers.hidden_biases):
         hidden = torch.relu(linear(bias, hidden, weight.T))
@@ -85,7 +85,7 @@ def chunked_mlp(
 ) -> Float[Tensor, "n out"]:
     """`plain_mlp` within CHUNK_BYTES: rows that do not fit go in chunks,
     of which the backward pass computes each again."""
-    inputs = features.shape[1] + hidden_layers.place_weight.shape[1]
+    inputs = features.shape[1] + hidden_layers.position_weight.shape[1]
     layers = 1 + len(hidden_layers.hidden_weights)
     # Kept for the backward pass: both inputs, each hidden layer before and after its ReLU, and three steps of the
     # output.
@@ -179,9 +179,9 @@ def _evaluated(
     shape = 1 + len(hidden_layers.hidden_weights), rounded_up(rows, STRIP) if keeps else 0, weights[0].shape[1]
     # NumPy asks the system for huge pages and torch does not: a tenth of the time of a bake. Large blocks, so that two
     # threads seldom meet in a page that is not there yet: both would fill it.
-    kept, output = _room(shape), _room((rows, len(output_layer.output_bias)))
+    kept, output = _aligned_empty(shape), _aligned_empty((rows, len(output_layer.output_bias)))
     in_parallel(
-        lambda begin, end: evaluate(begin, end, *inputs, base, *weights, kept, output),
+        lambda begin, end: mlp_forward(begin, end, *inputs, base, *weights, kept, output),
         rows,
         ROWS * (1 + rows // (BLOCKS * ROWS)),
     )
@@ -217,7 +217,7 @@ class _ThroughHidden(torch.autograd.Function):
             output_layer.skip_weight,
         )
         given = *inputs, output, array_of(output_gradient), kept, *map(_with_padding, back), *to_inputs
-        gradients = _summed(differentiate_hidden, given, len(output), hidden_layers, ctx.needs_input_grad[3:])
+        gradients = _summed(hidden_backward, given, len(output), hidden_layers, ctx.needs_input_grad[3:])
         return None, *(torch.from_numpy(part) if wanted else None for part, wanted in zip(to_inputs, wants)), *gradients
 
 
@@ -235,7 +235,7 @@ class _ThroughOutput(torch.autograd.Function):
     def backward(ctx, output_gradient: Tensor):
         (inputs, _, kept, output), output_layer = ctx.evaluated, OutputLayer(*ctx.saved_tensors)
         given = inputs.encoded_sh, inputs.latents, inputs.bound, output, array_of(output_gradient), kept
-        gradients = _summed(differentiate_output, given, len(output), output_layer, ctx.needs_input_grad[2:])
+        gradients = _summed(output_backward, given, len(output), output_layer, ctx.needs_input_grad[2:])
         return None, output_gradient, *gradients
 
 
@@ -254,7 +254,7 @@ def _summed(
     transposed = _transposed(layers)
     shapes = [_padded_shape(weight) if wanted else (0,) * weight.dim() for weight, wanted in zip(transposed, wants)]
     # Each block has sums of its own, which are then added in the order of the blocks.
-    sums = [_room((-(-rows // ROWS), *shape)) for shape in shapes]
+    sums = [_aligned_empty((-(-rows // ROWS), *shape)) for shape in shapes]
     in_parallel(
         lambda begin, end: differentiate(begin, end, *given, *(part[begin // ROWS] for part in sums)), rows, ROWS
     )
@@ -279,11 +279,11 @@ def _padded_shape(weight: Tensor) -> tuple[int, ...]:
 def _with_padding(weight: Tensor) -> np.ndarray:
     """The weight with zeros behind its columns, to whole panels."""
     array = weight.detach().numpy()
-    result = _room((*array.shape[:-1], rounded_up(array.shape[-1], PANEL)))
+    result = _aligned_empty((*array.shape[:-1], rounded_up(array.shape[-1], PANEL)))
     result[..., array.shape[-1] :] = 0
     result[..., : array.shape[-1]] = array
     return result
 
 
-def _room(shape: tuple[int, ...]) -> np.ndarray:
-    return room_for(math.prod(shape)).reshape(shape)
+def _aligned_empty(shape: tuple[int, ...]) -> np.ndarray:
+    return aligned_empty(math.prod(shape)).reshape(shape)

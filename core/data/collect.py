@@ -19,7 +19,7 @@ NO_POINTS = "No points are given with the cameras: `wegs train` triangulates the
 UNSEEN_POINTS = "Nothing says which photo sees which point, so what the photos need cannot be judged by their colours."
 
 
-def collect(root: Path, posed: Posed, all_photos: bool = False) -> Collection:
+def collect(root: Path, posed: Posed, all_photos: bool) -> Collection:
     """The collection of the posed photos below `root`. all_photos: hold none of them out.
 
     Photos that are missing, unreadable or of another shape than their camera are left out and noted. The frame is that

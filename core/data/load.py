@@ -10,7 +10,7 @@ from core.data.formats.colmap import MODEL_FOLDERS, NERFSTUDIO_FILE, find_model,
 from core.data.formats.model_file import holds_model, photos_in_model
 from core.data.formats.nerf_osr import find_nerf_osr, read_nerf_osr
 from core.data.formats.transforms import BLENDER_FILES, read_blender, read_transforms
-from core.data.made import names_wegs
+from core.data.made import holds_run_config
 from core.data.photos.folder import (
     SUFFIXES,
     VIDEO_SUFFIXES,
@@ -46,11 +46,10 @@ def load_collection(path: Path, all_photos: bool = False) -> Collection:
         )
     home = home_of(path)
     posed = _read(home, kind)
-    if home == path:
-        return collect(home, posed, all_photos)
-    points, notes = read_kept(path)
-    posed = replace(posed, points=points, notes=posed.notes + notes)
-    return replace(collect(home, posed, all_photos), points_from=path)
+    if home != path:
+        points, notes = read_kept(path)
+        posed = replace(posed, points=points, notes=posed.notes + notes)
+    return replace(collect(home, posed, all_photos), points_from=None if home == path else path)
 
 
 def _read(path: Path, kind: str) -> Posed:
@@ -206,4 +205,4 @@ def count_photos(path: Path) -> dict[Path, int]:
     """The folders that `find_photos` looks into, `path` itself and PHOTO_FOLDERS in it,
     with the number of photos in each."""
     folders = [path / name for name in PHOTO_FOLDERS]
-    return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not names_wegs(folder)}
+    return {folder: len(list_photos(folder)) for folder in folders if folder.is_dir() and not holds_run_config(folder)}

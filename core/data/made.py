@@ -84,10 +84,10 @@ def path_from(root: Path, path: Path) -> str:
     inside, home = Path(os.path.abspath(path)), Path(os.path.abspath(root))
     if inside.is_relative_to(home) and inside.resolve() == path.resolve():  # not where `..` follows a link
         return inside.relative_to(home).as_posix()
-    return way_to(path, root) or path.resolve().as_posix()
+    return relative_path_to(path, root) or path.resolve().as_posix()
 
 
-def way_to(target: Path, folder: Path) -> str | None:
+def relative_path_to(target: Path, folder: Path) -> str | None:
     """The relative path from `folder` to `target`; None if there is none, as between drives of Windows."""
     try:
         return Path(os.path.relpath(target.resolve(), folder.resolve())).as_posix()
@@ -108,7 +108,7 @@ def followed(recorded: Path, way: str | None, folder: Path, files: Iterable[str]
     return together if together.is_dir() and any(os.path.isfile(together / file) for file in files) else recorded
 
 
-def names_wegs(folder: Path) -> bool:
+def holds_run_config(folder: Path) -> bool:
     """Whether the folder's config.json is one of wegs, so that its pictures are not photos.
     (`run_folders.is_run` also knows a damaged one.)"""
     return "wegs" in read_mark(folder / CONFIG)
@@ -117,7 +117,7 @@ def names_wegs(folder: Path) -> bool:
 def is_of_wegs(folder: Path) -> bool:
     """Whether the folder is a run, a scene made of plain photos, or holds the frames of an interpolation."""
     is_scene = (folder / MADE_OF).is_file() and (folder / "sparse").is_dir()
-    return is_scene or names_wegs(folder) or all(any(folder.glob(pattern)) for pattern in FADE[:2])
+    return is_scene or holds_run_config(folder) or all(any(folder.glob(pattern)) for pattern in FADE[:2])
 
 
 def stamp(path: Path) -> list[int]:

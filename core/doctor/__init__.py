@@ -25,17 +25,17 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
     if not (path.is_file() or path.is_dir()):  # reading a pipe might never end
         what = f"{path} is neither a file nor a folder." if path.exists() else f"There is no file or folder {path}."
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
-    checked = path.suffix.lower() == ".ply" or run_folders.is_run(path)
-    if not checked and (run := run_folders.run_around(path)):
-        kind = "folder" if path.is_dir() else "file"
-        raise BadInput(f"{path} is a {kind} in a run.", f"Give the folder of the run: {run}")
-    if path.is_file() and path.suffix.lower() in PACKED:
-        raise BadInput(f"{path} is no .ply.", "Convert it to one, in SuperSplat say.")
+    suffix = path.suffix.lower()
     if run_folders.is_run(path):
         findings = examine_run(path, report)
+    elif suffix != ".ply" and (run := run_folders.run_around(path)):
+        kind = "folder" if path.is_dir() else "file"
+        raise BadInput(f"{path} is a {kind} in a run.", f"Give the folder of the run: {run}")
+    elif path.is_file() and suffix in PACKED:
+        raise BadInput(f"{path} is no .ply.", "Convert it to one, in SuperSplat say.")
     elif newest := max(path.glob(run_folders.CLOUDS), key=_step_and_date, default=None):
         findings = examine_ply(newest, report)  # a run folder of the original project or its heirs
-    elif path.is_dir() or path.suffix.lower() in (".json", *SUFFIXES, *VIDEO_SUFFIXES):
+    elif path.is_dir() or suffix in (".json", *SUFFIXES, *VIDEO_SUFFIXES):
         findings = _scene(path, report)
     else:
         findings = examine_ply(path, report)

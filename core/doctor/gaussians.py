@@ -25,7 +25,7 @@ ROUNDED = 1e-4  # rounding error of logarithms that were converted into the scen
 SH_RANGE = 8.0  # a coefficient of 4 already changes a colour by more than 1
 
 
-def look_at_gaussians(splats: Splats, frame: SceneFrame, sky_count: int) -> list[Finding]:
+def examine_gaussians(splats: Splats, frame: SceneFrame, sky_count: int) -> list[Finding]:
     """Findings about Gaussians in the scene frame.
     sky_count: how many of the last ones are the dome, which is large and far on purpose."""
     total = len(splats)

@@ -11,7 +11,7 @@ from core.data.collection import spread_over
 from core.data.photos.file import named_with_fault
 from core.doctor import views
 from core.doctor.finding import Finding, counting
-from core.doctor.gaussians import look_at_gaussians
+from core.doctor.gaussians import examine_gaussians
 from core.doctor.scene import odd_focal_lengths, placed_photos
 from core.errors import BadInput, command
 from core.export.ply import BYTES_PER_GAUSSIAN
@@ -49,7 +49,7 @@ def examine_run(folder: Path, report: Report) -> list[Finding]:
         *placed_photos(trained.collection.root),
         odd_focal_lengths(trained.collection.photos),
     ]
-    findings += look_at_gaussians(neutral, frame, sky_count)
+    findings += examine_gaussians(neutral, frame, sky_count)
     photos = trained.collection.split("train")
     cameras = [trained.camera(photo) for photo in photos]
     centres = views.centres_of(neutral, sky_count)

@@ -28,7 +28,7 @@ SAMPLE = 2000  # centres, from which the depth of a view is estimated
 
 
 def centres_of(splats: Splats, sky_count: int) -> np.ndarray:
-    """The finite centres (P, 3), float64, of all but the last `sky` Gaussians."""
+    """The finite centres (P, 3), float64, of all but the last `sky_count` Gaussians."""
     solid = splats.means[: len(splats) - sky_count]
     return solid[torch.isfinite(solid).all(dim=1)].double().numpy()
 

@@ -17,7 +17,7 @@ from numpy import ndarray
 from torch import Tensor
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import last, refining_to
+from core.appearance.refinement import last, refinement_steps
 from core.data.photos.fill import fill
 from core.errors import BadInput, BadSetting
 from core.evaluation import PROTOCOLS, metrics
@@ -72,7 +72,7 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:
     """The steps of core.appearance.refinement on the region that gives the look."""
-    return refining_to(subject.seen_by, Colouring(fit.start), fit.camera, fit.region, fit.valid)
+    return refinement_steps(subject.seen_by, Colouring(fit.start), fit.camera, fit.region, fit.valid)
 
 
 def refined(subject: Subject, fit: Fit) -> Colouring:

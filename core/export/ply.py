@@ -125,13 +125,13 @@ def read_ply(path: Path) -> Splats:
     return _splats(torch.from_numpy(table), coefficient_count(degree))
 
 
-def maker_of(run: str, sky_count: int, look: str) -> str:
+def header_comment(run: str, sky_count: int, look: str) -> str:
     """The comment in a file that wegs writes. sky_count: how many of its last Gaussians are the dome."""
     return f"wegs {core.__version__}, run {run}, sky {sky_count}, look {look}"
 
 
-def sky_of(path: Path) -> int | None:
-    """How many of the file's last Gaussians are the dome, as `maker_of` says; None for files of other programs."""
+def sky_count_in(path: Path) -> int | None:
+    """How many of the file's last Gaussians are the dome, by its `header_comment`; None for other programs' files."""
     header = read_header(path).partition(b"end_header")[0]
     found = re.search(rb"^comment wegs [^,]*, run [^,]*, sky (\d+), look ", header, re.MULTILINE)
     return int(found[1]) if found else None

@@ -29,17 +29,17 @@ from core.scene.splats import Splats
 from core.system.device import sent
 from core.system.threads import mapped_in_parallel, threads_for_blocks
 
-VIEWS = 64  # training cameras that a photo is compared with, at most,
-AT_ONCE = 8  # so many between two words on the progress
+VIEWS = 64  # training cameras that a photo is compared with, at most
+AT_ONCE = 8  # training cameras between two reports of progress
 # The longer sides of pictures: to choose among these cameras, and from there on. A photo from nearer by resembles their
 # pictures once it is smaller.
 COARSE_PX, FINE_PX = (160, 107), 320
 # Of these cameras, at each size: by how coherent their matches are. Of plaza and the Statue's held-out photos, the best
 # start was among the first five.
 LIKELY = 12
-TRIES = 4  # of these, from which a way is tried: by its inliers
-ROUNDS = 10  # on such a way, at most,
-GAIN = 1.02  # and as long as each brings this many times as many inliers
+TRIES = 4  # starts from which the pose is iterated, those of most inliers
+ROUNDS = 10  # of iteration from one start, at most
+GAIN = 1.02  # an iteration that multiplies the inliers by less is the last
 REACH, LEAST_ALIKE = 4, 0.5  # of a place in the next picture: points of the grid; the cosine of its features
 PLACE = 0.7  # a pixel of which the place makes up less is sky
 # Held-out photos of plaza and of the Statue of Liberty end with 409 to 1,788 inliers, 54 to 100% of all matches; photos
@@ -47,7 +47,7 @@ PLACE = 0.7  # a pixel of which the place makes up less is sky
 # with 120 of 237, one without its lower half with 134 of 226. Times their share, these are 61 and 79; of one shrunk to
 # 60 px, 100 of 107 are 93.
 LEAST_INLIERS, LEAST_SHARE = 90, 0.5  # the first times the share
-SURE = 0.75  # with this share, no other way is tried; ways that end beside the camera had 0.53 and 0.57
+SURE = 0.75  # with this share, no other start is tried; those that end beside the camera had 0.53 and 0.57
 
 
 class Located(NamedTuple):
@@ -94,7 +94,7 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
     mask hides altogether.
     """
     size = probe(path).displayed
-    photo, lens = Photo.from_outside(path, _anywhere(*size), mask), pinhole_of(path, *size)
+    photo, lens = Photo.from_outside(path, _camera_of_size(*size), mask), pinhole_of(path, *size)
     baked = bake(trained, look)
     cameras = [trained.camera(each) for each in spread_over(trained.collection.split("train"), VIEWS)]
     with threads_for_blocks():
@@ -109,9 +109,9 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
             end = _iterate(trained, baked, fine, start.camera.resized(fine.lens.width, fine.lens.height))
             if end and (best is None or end.inliers > best.inliers):
                 best = end
-            if best and _is_there(best, SURE):
+            if best and _is_reliable(best, SURE):
                 break
-    if best is None or not _is_there(best, LEAST_SHARE):
+    if best is None or not _is_reliable(best, LEAST_SHARE):
         return None
     return best._replace(camera=best.camera.resized(*size))
 
@@ -134,22 +134,23 @@ def _compare_all(
     return found
 
 
-def _anywhere(width: int, height: int) -> Camera:
+def _camera_of_size(width: int, height: int) -> Camera:
     """A camera that takes pictures of this size, of which nothing else is known."""
     return Camera.centred(np.eye(3), np.zeros(3), max(width, height), width, height)
 
 
-def _is_there(end: Located, least_share: float) -> bool:
-    """Whether enough agrees where a way ends: at least this share of the matches, and the more, the smaller it is."""
-    share = end.inliers / end.matches
-    return share >= least_share and share * end.inliers >= LEAST_INLIERS
+def _is_reliable(found: Located, least_share: float) -> bool:
+    """Whether at least this share of the matches agrees, and enough of them: the more, the smaller the share."""
+    share = found.inliers / found.matches
+    return share >= least_share and share * found.inliers >= LEAST_INLIERS
 
 
 def _iterate(trained: TrainedRun, baked: Splats, query: Query, camera: Camera) -> Located | None:
-    """Where the way from this camera ends: render, match and solve for the pose, while that adds enough inliers."""
+    """The pose that iterating from this camera converges to: render, match and solve, while that adds inliers."""
     best = None
     for _ in range(ROUNDS):
-        inliers, reference = best.inliers if best else 0, _render_reference(trained, baked, camera)
+        inliers = best.inliers if best else 0
+        reference = _render_reference(trained, baked, camera)
         pairs = matches_nearby(query.features, reference.features, REACH, LEAST_ALIKE)
         found = _solve_pose(query, reference, pairs)
         if found is None or found.inliers <= inliers:

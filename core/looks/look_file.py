@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import core.export
-from core.export.ply import maker_of
+from core.export.ply import header_comment
 from core.looks.pruning import Pruned, Pruner
 from core.looks.trained import Look, TrainedRun, bake
 from core.report import Report
@@ -18,7 +18,7 @@ def write_look(
     pruned = Pruned(baked) if pruner is None else pruner(baked)
     splats = pruned.splats if with_sky else pruned.splats[: len(pruned.splats) - trained.sky_count]
     frame = trained.collection.frame
-    maker = maker_of(trained.identity, trained.sky_count if with_sky else 0, look.name)
+    maker = header_comment(trained.identity, trained.sky_count if with_sky else 0, look.name)
     dropped = core.export.write(path, splats.in_world(frame.for_files()), ". ".join([maker, *frame.offset_lines()]))
     if dropped:
         undrawable = f"{counted(dropped, 'Gaussian')} that cannot be drawn (NaN, Inf or a zero quaternion)"

@@ -8,7 +8,7 @@ from pathlib import Path
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from core.appearance.refinement import last, refining_to
+from core.appearance.refinement import last, refinement_steps
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
 from core.errors import BadInput
@@ -68,5 +68,7 @@ def refined(
     report: Report = QUIET,
 ) -> Look:
     """The look refined so that `camera` sees in it what the photo shows: pixels in [0, 1]."""
-    course = refining_to(trained.seen_by, look.colouring, camera, pixels, valid, partial(report.progress, "Refinement"))
+    course = refinement_steps(
+        trained.seen_by, look.colouring, camera, pixels, valid, partial(report.progress, "Refinement")
+    )
     return replace(look, colouring=last(course))

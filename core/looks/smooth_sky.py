@@ -48,7 +48,7 @@ class SmoothSky:
     @staticmethod
     @torch.no_grad()
     def of(splats: Splats, sky_count: int, cameras: Sequence[Camera], rasterizer: Rasterizer) -> "SmoothSky | None":
-        """That of Gaussians whose last `sky` are the dome, as these cameras show it; None if they show none of it."""
+        """That of Gaussians whose last `sky_count` are the dome, as these cameras show it; None if they show none."""
         if not sky_count:
             return None
         photos = torch.zeros(sky_count, dtype=torch.float64, device=splats.means.device)

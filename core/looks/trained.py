@@ -182,7 +182,7 @@ def load_run(folder: Path, on_gpu: bool = True) -> TrainedRun:
         model.load_state_dict(saved.part("model"))
         encoded = {name: tensor.to(run_device) for name, tensor in saved.part("encoded").items()}
         if encoded:
-            model.meet_as_finished(encoded["masked"], encoded["unmasked"])
+            model.use_final_embeddings(encoded["masked"], encoded["unmasked"])
         state = RunState.of_facts(saved.facts)
         splats = gaussians.splats.detached()
     model.eval().requires_grad_(False)

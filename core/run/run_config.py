@@ -12,7 +12,7 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, GivenMask, Photo
-from core.data.made import CONFIG, followed, path_from, read_mark, way_to
+from core.data.made import CONFIG, followed, path_from, read_mark, relative_path_to
 from core.data.photos.distortion import is_sound
 from core.data.photos.names import is_file
 from core.data.sfm.kept_points import MARK, home_of
@@ -47,7 +47,7 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     sizes = [path.stat().st_size for path in files]
     made_of = [core.__version__, facts, sizes]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
-    facts["scene"]["from_run"] = way_to(collection.read_from, folder)
+    facts["scene"]["from_run"] = relative_path_to(collection.read_from, folder)
     size_of: dict[Path | None, int] = dict(zip(files, sizes, strict=True))
     for photo, values in zip(collection.photos, facts["photos"], strict=True):
         of_photo = _files_of(photo)

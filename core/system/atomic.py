@@ -13,7 +13,7 @@ from typing import Any
 
 from core.errors import BadInput, DiskFull, WegsError, as_disk_full, disk_full
 from core.system.lock import taken
-from core.system.outputs import TEMPORARY, check_fillable, check_place, files_in
+from core.system.outputs import TEMPORARY, check_fillable, check_target, files_in
 
 KEPT = f"{TEMPORARY}kept"  # ends the names of temporary folders that are kept after a stop
 # Characters of a name that its temporary folder repeats; with four bytes each, the longest of them stays within the
@@ -58,7 +58,7 @@ def replacing(path: Path) -> Iterator[Path]:
     name, because writers of videos and pictures choose the format by the suffix.
     Raises DiskFull, and BadInput for a folder that is missing or may not be written.
     """
-    check_place(path)
+    check_target(path)
     with _named(path), temporary_folder(path) as work:
         yield work / path.name
         os.replace(work / path.name, path)
@@ -101,7 +101,7 @@ def made_for_user(folder: Path, may_exist: bool = True) -> Iterator[None]:
         yield
 
 
-def place_for(path: Path) -> Path:
+def parent_for(path: Path) -> Path:
     """Where a temporary folder for `path` lies: beside it, or inside if `path` is a folder. That may be a disk of its
     own (a container's volume), onto which nothing could be renamed from beside it."""
     return path if path.is_dir() else path.parent
@@ -109,9 +109,9 @@ def place_for(path: Path) -> Path:
 
 @contextmanager
 def temporary_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder in `place_for` the path, removed at the end. After a kill it is removed when the next one for
+    """A temporary folder in `parent_for` the path, removed at the end. After a kill it is removed when the next one for
     `path` is made, if the disk supports locks."""
-    parent = place_for(path)
+    parent = parent_for(path)
     with made(parent):
         prefix = f".{path.resolve().name[:NAME_PART]}{TEMPORARY}"
         others = _sweep(parent, prefix)
@@ -187,7 +187,7 @@ def _is_model(part: Path) -> bool:
     return part.name == "sparse"
 
 
-def temporary_place() -> Path:
+def temporary_root() -> Path:
     """The system's folder for temporary files; raises WegsError if there is none that can be written in."""
     try:
         return Path(tempfile.gettempdir())
@@ -201,7 +201,7 @@ def temporary_place() -> Path:
 def scratch(name: str) -> Iterator[Path]:
     """As `temporary_folder`, among the system's temporary files; `name` says what it is for.
     Raises DiskFull if their disk is full."""
-    place = temporary_place()
+    place = temporary_root()
     what = f"The disk is full: temporary files could not be written in {place}."
     full = DiskFull(what, "Free some space, or set TMPDIR to a folder on another disk.")
     with temporary_folder(place / f"wegs-{name}") as folder, named_if_full(folder, full):

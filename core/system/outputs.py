@@ -57,10 +57,10 @@ def check_apart(folder: Path, given: Iterable[Path]) -> None:
 def check_file(path: Path) -> None:
     """Raise BadInput unless a file can be written as `path`."""
     check_folder(path.parent)
-    check_place(path)
+    check_target(path)
 
 
-def check_place(path: Path) -> None:
+def check_target(path: Path) -> None:
     """Raise BadInput unless `path` names a file in a folder that exists;
     whether the folder is writable is not tried."""
     if path.is_dir():

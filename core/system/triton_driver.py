@@ -118,10 +118,10 @@ class Driver(CudaDriver):
 @triton.jit
 def scaled_sums(sums, parts, count, factor, BLOCK: tl.constexpr):
     """A kernel with a parameter of each kind: count sums of two arrays, times a factor."""
-    places = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
-    inside = places < count
-    total = tl.load(parts[0] + places, mask=inside) + tl.load(parts[1] + places, mask=inside)
-    tl.store(sums + places, total * factor, mask=inside)
+    offsets = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
+    inside = offsets < count
+    total = tl.load(parts[0] + offsets, mask=inside) + tl.load(parts[1] + offsets, mask=inside)
+    tl.store(sums + offsets, total * factor, mask=inside)
 
 
 def install() -> None:

@@ -22,7 +22,7 @@ FEWEST_VIEWS = 7  # of a point, for the 4 unknowns of a colour linear in the vie
 FEWEST_OF_MANY_VIEWS = 300  # sightings of such points
 CLOSEST = 1000  # expected or matched places looked at for passers-by: those seen again from nearest by
 FEWEST_CLOSEST = 300
-STRANGE, STRANGE_STEPS = 4.0, 20.0  # a place is strange if off by that many medians of its photo and 8-bit steps
+STRANGE_MEDIANS, STRANGE_STEPS = 4.0, 20.0  # of its photo; 8-bit steps: a place is strange if off by more than both
 STEPS = 255.0
 
 
@@ -44,29 +44,30 @@ class Evidence:
 
 def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidence:
     """The figures of a collection: SfM points (P, 3; scene frame) and its decoded training photos."""
-    places = _judgeable(find_sightings(points, photos))
-    matched = places[places.matched]
+    sightings = _judgeable(find_sightings(points, photos))
+    matched = sightings[sightings.matched]
     if len(matched) < FEWEST_SIGHTINGS or len(np.unique(matched.photo)) < FEWEST_PHOTOS:
         return Evidence(len(photos))
     base, exposures = fit_exposures(matched)
     left = matched.colour - exposed(exposures, matched.photo, base[matched.point])
+    expected = exposed(exposures, sightings.photo, base[sightings.point])
     return Evidence(
         len(photos),
         colour_spread=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
         spread_beyond_exposure=shared_spread(matched, left),
         view_dependence=view_dependence(matched, left),
-        strange_share=strange_share(places, places.colour - exposed(exposures, places.photo, base[places.point])),
+        strange_share=strange_share(sightings, sightings.colour - expected),
     )
 
 
-def _judgeable(places: Sightings) -> Sightings:
+def _judgeable(sightings: Sightings) -> Sightings:
     """The places in photos with enough matches for an exposure, of points that two such photos matched,
     without photos that then have no match."""
     for kind, fewest in (("photo", FEWEST_IN_PHOTO), ("point", 2), ("photo", 1)):
-        numbers = getattr(places, kind)
-        counts = np.bincount(numbers, weights=places.matched)
-        places = places[counts[numbers] >= fewest]
-    return places
+        numbers = getattr(sightings, kind)
+        counts = np.bincount(numbers, weights=sightings.matched)
+        sightings = sightings[counts[numbers] >= fewest]
+    return sightings
 
 
 # --- exposures: colour = gain * base + offset, for each photo and channel
@@ -144,24 +145,24 @@ def view_dependence(sightings: Sightings, difference: np.ndarray) -> float | Non
     return max(explained / total, 0.0) if total else 0.0
 
 
-def strange_share(places: Sightings, difference: np.ndarray) -> float | None:
-    """The share of the CLOSEST places that look strange (STRANGE) together with their neighbour.
+def strange_share(sightings: Sightings, difference: np.ndarray) -> float | None:
+    """The share of the CLOSEST places that look strange (STRANGE_MEDIANS) together with their neighbour.
 
     A point hidden by what stays is hidden from nearby too, the more surely the nearer; one hidden by a passer-by is
     not. So the places that another photo matched from nearest by tell the two apart. None if there are too few.
     """
     size = np.linalg.norm(difference, axis=1) * STEPS / np.sqrt(3)
-    usual = np.full(int(places.photo.max()) + 1, np.inf)
-    for rows in rows_of_each(places.photo):
-        usual[places.photo[rows[0]]] = np.median(size[rows][places.matched[rows]])
-    strange = size > np.maximum(STRANGE_STEPS, STRANGE * usual[places.photo])
-    together = np.zeros(len(places), dtype=bool)
-    first, second = neighbours(places)
+    usual = np.full(int(sightings.photo.max()) + 1, np.inf)
+    for rows in rows_of_each(sightings.photo):
+        usual[sightings.photo[rows[0]]] = np.median(size[rows][sightings.matched[rows]])
+    strange = size > np.maximum(STRANGE_STEPS, STRANGE_MEDIANS * usual[sightings.photo])
+    together = np.zeros(len(sightings), dtype=bool)
+    first, second = neighbours(sightings)
     together[first] = strange[first] & strange[second]
-    near = np.flatnonzero(places.degrees <= NEAR_DEGREES)
+    near = np.flatnonzero(sightings.degrees <= NEAR_DEGREES)
     if len(near) < FEWEST_CLOSEST:
         return None
-    return float(together[near[np.argsort(places.degrees[near], kind="stable")[:CLOSEST]]].mean())
+    return float(together[near[np.argsort(sightings.degrees[near], kind="stable")[:CLOSEST]]].mean())
 
 
 # --- small sums

@@ -105,8 +105,7 @@ def finite(tensors: Iterable[Tensor | None], where: torch.device) -> Bool[Tensor
 
 
 def _finite_at_once(tensors: list[Tensor]) -> Bool[Tensor, ""]:
-    """The same in one kernel for all: that of torch's GradScaler, which would scale them, too,
-    and scales by one here."""
+    """As `finite`, in one kernel for all: that of torch's GradScaler, with a scale of 1."""
     found = tensors[0].new_zeros(())
     torch._amp_foreach_non_finite_check_and_unscale_(tensors, found, torch.ones_like(found))
     return found == 0

@@ -23,7 +23,7 @@ def draw_gain(settings: Settings, generator: torch.Generator) -> Float[Tensor, "
 def jittered(
     shown: Float[Tensor, "3 h w"], target: Target, gain: Float[Tensor, "3"] | None
 ) -> tuple[Float[Tensor, "3 h w"], Target]:
-    """Both with each channel times its gain, on the same device; for None as they are.
+    """The encoder's input and the target, each channel times its gain, on the same device; unchanged for None.
 
     The encoder sees a photo as a file would hold it, so its input is clamped at 1. The target is not, as no render is:
     its statistics then follow from those of the photo.

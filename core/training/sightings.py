@@ -89,7 +89,7 @@ def rows_of_each(numbers: np.ndarray) -> list[np.ndarray]:
 
 
 def _matches(count: int, photos: Sequence[SizedPhoto]) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (P,) of those of `count` points that enough photos matched, and which of these matched each, (P, K)."""
+    """The indices (P,) of the points that FEWEST_PHOTOS photos matched, and which photo matched which, (P, K)."""
     counts = np.zeros(count, dtype=np.int64)
     for sized in photos:
         counts[sized.photo.points] += 1

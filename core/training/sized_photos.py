@@ -70,7 +70,7 @@ class SizedPhotos(Sequence[SizedPhoto]):
 
     @property
     def cameras(self) -> list[Camera]:
-        """Those of the photos, at training size."""
+        """The photos' cameras at training size."""
         return [sized.camera for sized in self.photos]
 
     def canvas(self, factor: int) -> tuple[int, int] | None:

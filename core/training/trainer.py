@@ -102,7 +102,7 @@ class Trainer:
         # On the CPU, whatever the device: rounding decides the signs of principal components.
         if self.model.encoder is not None:
             on_progress = partial(report.progress, "First looks")
-            self.model.encoder.start_apart(picture.cpu() for picture in self._encoder_inputs(on_progress))
+            self.model.encoder.initialise_embedding(picture.cpu() for picture in self._encoder_inputs(on_progress))
         self.model.to(self.device)
         self.optimizer = network_updates.optimizer_of(self.model, settings)
         self.objective = Objective(settings, self.rasterizer, self.model, self.device)
@@ -314,7 +314,8 @@ class Trainer:
         }
         if self.state.done == self.settings.steps and len(self.model.met_embeddings):
             on_progress = within_step(self.state.done, "looks", self.settings, self.report)
-            parts["encoded"] = dict(zip(("masked", "unmasked"), self.model.encoded(self._encoder_inputs(on_progress))))
+            embeddings = self.model.encode_training_photos(self._encoder_inputs(on_progress))
+            parts["encoded"] = dict(zip(("masked", "unmasked"), embeddings))
         tensors = {f"{part}.{name}": tensor for part, named in parts.items() for name, tensor in named.items()}
         photos = [sized.photo.name for sized in self.photos]
         facts = {"sky": self.gaussians.sky_count, "photos": photos, **self.state.facts()}

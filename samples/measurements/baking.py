@@ -31,7 +31,7 @@ def measure_bake(scale: float) -> dict:
     hidden, output = transfer.hidden_layers(model.mean_embedding), transfer.output_layer(model.mean_embedding)
     weights = [
         hidden.feature_weight,
-        hidden.place_weight,
+        hidden.position_weight,
         *hidden.hidden_weights,
         output.output_weight,
         output.skip_weight,

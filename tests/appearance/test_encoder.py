@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from core.appearance.attention import ChannelAttention, MaskUNet, rectified
+from core.appearance.attention import ChannelAttention, MaskUNet, he_initialised
 from core.appearance.encoder import CHANNELS, PhotoEncoder, PlainMask, band_colours, shrink
 from core.appearance.mask_table import MaskTable
 from core.errors import BadInput
@@ -98,7 +98,7 @@ def test_channel_attention_is_the_papers_formula():
 
 
 def test_new_layers_keep_the_mean_square_of_their_input():
-    kept = torch.relu(rectified(torch.nn.Conv2d(32, 32, 3))(torch.randn(1, 32, 60, 60))).square().mean()
+    kept = torch.relu(he_initialised(torch.nn.Conv2d(32, 32, 3))(torch.randn(1, 32, 60, 60))).square().mean()
     assert 0.9 < kept < 1.1  # a sixth with PyTorch's own weights
 
 
@@ -151,7 +151,7 @@ def test_embeddings_start_apart_by_the_same_bits_for_any_number_of_threads(on_th
     def found():
         torch.manual_seed(0)
         encoder = PhotoEncoder(whole_settings())
-        encoder.start_apart(photos)
+        encoder.initialise_embedding(photos)
         return encoder.enc2.embedding.weight
 
     first, *others = on_threads((1, 2, 3), found)
@@ -163,7 +163,7 @@ def test_embeddings_start_around_zero_as_the_masks_of_the_start_give_them():
     encoder = PhotoEncoder(whole_settings())
     torch.nn.init.constant_(encoder.unet.up_2.bias, -2.0)
     photos = [torch.rand(3, 1, 1) * torch.rand(3, 32, 32) for _ in range(20)]
-    encoder.start_apart(photos)
+    encoder.initialise_embedding(photos)
     embeddings = torch.stack([encoder(photo, True)[0] for photo in photos])
     assert embeddings.mean(dim=0).abs().max() < 1e-3
     assert 0.5 < embeddings.std(dim=0).max() < 1
@@ -172,5 +172,5 @@ def test_embeddings_start_around_zero_as_the_masks_of_the_start_give_them():
 def test_what_next_to_equal_photos_differ_by_is_not_amplified():
     encoder, photo = PhotoEncoder(whole_settings()), torch.rand(3, 32, 32)
     photos = [photo + 1e-3 * torch.rand(3, 1, 1) for _ in range(20)]
-    encoder.start_apart(photos)
+    encoder.initialise_embedding(photos)
     assert torch.stack([encoder(each, True)[0] for each in photos]).std(dim=0).max() < 0.1

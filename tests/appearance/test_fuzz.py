@@ -95,6 +95,6 @@ def test_photos_of_any_spread_start_with_embeddings_of_order_one(levels):
     """One photo, equal ones, black ones: no spread is amplified without end."""
     chosen = MODELS["full"]
     photos = [torch.full((3, 16, 20), level) for level in levels]
-    chosen.encoder.start_apart(photos)
+    chosen.encoder.initialise_embedding(photos)
     for photo in (*photos, photos[0] * 0.9, torch.full((3, 16, 20), 0.5)):
         assert chosen.read(photo, 0).embedding.abs().max() < 100

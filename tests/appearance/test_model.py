@@ -282,7 +282,7 @@ def test_the_known_range_of_a_finished_model_is_that_of_its_final_embeddings():
     model.remember(torch.randn(6), 2)
     met, state = model.met_embeddings.clone(), model.state_dict().keys()
     masked, unmasked = torch.randn(2, 5, 6)
-    model.meet_as_finished(masked, unmasked)
+    model.use_final_embeddings(masked, unmasked)
     assert (
         torch.equal(model.known_embeddings, torch.cat([masked, unmasked]))
         and max(map(model.known_range().distance, model.known_embeddings)) == 1

@@ -46,7 +46,7 @@ def test_the_kernel_of_a_gpu_encodes_the_same_places():
     device = "cuda" if torch.cuda.is_available() else "cpu"
     means = torch.randn(1200, 3) * torch.logspace(-3, 3, 1200)[:, None]
     means[0] = 0
-    found = positional_encoding_cuda.encoded_places(means.to(device), 4).cpu().double()
+    found = positional_encoding_cuda.encoded_positions(means.to(device), 4).cpu().double()
     # Rounding of the angle and its sine, doubled by each octave.
     assert torch.allclose(
         found, encode(contract(means.double()), 4), rtol=0, atol=2**4 * 8 * torch.finfo(torch.float32).eps

@@ -10,7 +10,7 @@ from core.appearance.refinement import (
     LEAST_SKY,
     LONGER_SIDE_PX,
     STEPS,
-    Wanted,
+    RefinementTarget,
     _share_of_cells,
     refinement,
     without_strangers,
@@ -26,8 +26,8 @@ def camera_of(width: int, height: int) -> Camera:
     return Camera.centred(np.eye(3), np.zeros(3), 500.0, width, height)
 
 
-def shown(picture, valid=None) -> Wanted:
-    return Wanted.of(camera_of(picture.shape[1], picture.shape[0]), picture, valid)
+def shown(picture, valid=None) -> RefinementTarget:
+    return RefinementTarget.of(camera_of(picture.shape[1], picture.shape[0]), picture, valid)
 
 
 def refined(picture, begin, valid=None, tone=None, **view):

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from core.appearance.positional_encoding import contract, encode, encoded_size
-from core.appearance.transfer_arithmetic import bound_softly, encode_places
+from core.appearance.transfer_arithmetic import bound_softly, encode_positions
 from tests.afresh import afresh, assembly_of
 
 EPS = float(np.finfo(np.float32).eps)
@@ -54,7 +54,7 @@ def test_places_are_contracted_and_encoded(octaves):
     directions = torch.nn.functional.normalize(torch.randn(60, 3, generator=generator), dim=1)
     means = directions * torch.cat([torch.zeros(1), torch.logspace(-3, 15, 59)])[:, None]
     encoded = np.full((encoded_size(3, octaves), 64), 7, np.float32)
-    afresh(encode_places)(means.numpy(), octaves, encoded)
+    afresh(encode_positions)(means.numpy(), octaves, encoded)
     expected = encode(contract(means.double()), octaves).numpy().T
     # A rounded sine or cosine, whose error each octave doubles on average; pi as for `encode` itself.
     assert np.allclose(encoded[:, :60], expected, rtol=0, atol=np.pi * 2**octaves * EPS)
@@ -62,11 +62,11 @@ def test_places_are_contracted_and_encoded(octaves):
 
 
 LINE = numba.float32[::1]
-LOOPS = {bound_softly: (LINE, numba.float32, LINE, LINE), encode_places: (BLOCK, numba.int64, BLOCK)}
+LOOPS = {bound_softly: (LINE, numba.float32, LINE, LINE), encode_positions: (BLOCK, numba.int64, BLOCK)}
 
 
 @pytest.mark.parametrize(
-    "part, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_places, r"vfn?m\w+pd\s.*[yz]mm")]
+    "part, instruction", [(bound_softly, r"vdivps\s.*[yz]mm"), (encode_positions, r"vfn?m\w+pd\s.*[yz]mm")]
 )
 def test_loops_are_vectorised(part, instruction):
     assert re.search(instruction, assembly_of(part, LOOPS[part]))

@@ -9,7 +9,7 @@ import torch
 
 from core.appearance.matrix_product import ANY, ZERO, has_avx512, multiply
 from core.appearance.sh_transfer import SHTransfer, TransferInput
-from core.appearance.transfer_kernels import differentiate_hidden, differentiate_output, evaluate
+from core.appearance.transfer_kernels import hidden_backward, mlp_forward, output_backward
 from tests.afresh import afresh, assembly_of
 from tests.small import whole_settings
 
@@ -44,9 +44,7 @@ def test_a_relu_keeps_nan():
     assert np.isnan(result[1]).all() and (np.delete(result, 1, axis=0) == 0).all()
 
 
-@pytest.mark.parametrize(
-    "kernel", [evaluate, differentiate_output, differentiate_hidden], ids=["forward", "output", "hidden"]
-)
+@pytest.mark.parametrize("kernel", [mlp_forward, output_backward, hidden_backward], ids=["forward", "output", "hidden"])
 def test_kernels_use_wide_registers(kernel):
     transfer = SHTransfer(whole_settings(sh_degree=1))
     transfer(TransferInput(torch.zeros(2, 4, 3), torch.zeros(2, 3)), torch.zeros(16)).sum().backward()

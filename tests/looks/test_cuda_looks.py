@@ -9,7 +9,7 @@ from torch import Tensor
 
 import core.rasterizer
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import last, refining_to
+from core.appearance.refinement import last, refinement_steps
 from core.looks.outside import read_from_outside
 from core.looks.pruning import pruner_of
 from core.looks.trained import TrainedRun, bake, load_run, neutral_look
@@ -39,7 +39,7 @@ def made_of(trained: TrainedRun) -> dict[str, Tensor]:
     sized = trained.sized_photo(photos[0])
     look = Colouring(trained.embed(sized.encoder_input))
     pixels, valid = as_tensors(sized.pixels, sized.valid, trained.device)
-    refined = last(refining_to(trained.seen_by, look, sized.camera, pixels, valid))
+    refined = last(refinement_steps(trained.seen_by, look, sized.camera, pixels, valid))
     with torch.no_grad():
         picture = trained.seen_by(sized.camera).render(refined)
     cameras = [trained.camera(photo) for photo in photos]
@@ -81,7 +81,7 @@ def test_a_run_is_used_as_on_a_cpu(folder, monkeypatch):
     rasterizer.device = DEVICE.type
     monkeypatch.setattr(core.rasterizer, "create", lambda *_: rasterizer)
     monkeypatch.setattr(device, "of_run", lambda *_: DEVICE)
-    monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", positional_encoding_cuda.encoded_places)
+    monkeypatch.setattr("core.appearance.transfer_mlp.encoded_positions", positional_encoding_cuda.encoded_positions)
     torch.set_num_threads(1)  # what `elsewhere` does is for one thread
     with elsewhere(), kernels():
         made = made_of(load_run(folder))

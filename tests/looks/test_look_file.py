@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from core.export.ply import read_ply, sky_of
+from core.export.ply import read_ply, sky_count_in
 from core.looks.find_look import find_look
 from core.looks.look_file import write_look
 from core.looks.pruning import Pruned, Pruner, pruner_of
@@ -71,7 +71,7 @@ def test_a_look_can_be_written_without_the_sky(trained, tmp_path):
     counts = [
         write_look(trained, neutral, path, Heard(), None, sky) for path, sky in zip(paths, (True, False), strict=True)
     ]
-    assert [sky_of(path) for path in paths] == [trained.sky_count, 0]
+    assert [sky_count_in(path) for path in paths] == [trained.sky_count, 0]
     assert trained.sky_count > 0 and counts == [len(trained.splats), trained.solid_count]
     whole, place = (read_ply(path) for path in paths)
     assert all(

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from core.appearance.colouring import Colouring
-from core.appearance.refinement import LATER_STEPS, STEPS, Wanted, refinement
+from core.appearance.refinement import LATER_STEPS, STEPS, RefinementTarget, refinement
 from core.data import load_collection
 from core.looks import refined_look, saved_look
 from core.looks.find_look import find_look
@@ -118,7 +118,7 @@ def test_what_a_photo_does_not_show_stays_as_the_first_part_left_it(trained, mon
     half = sized.camera.cropped(0, 0, sized.camera.width // 2, sized.camera.height)
     seen, photo = (
         trained.seen_by(half),
-        Wanted.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None),
+        RefinementTarget.of(half, torch.from_numpy(sized.pixels[:, : half.width]).float() / 255, None),
     )
     start = find_look(trained, "0.png", refine=False).colouring
     unseen = seen.in_cells(photo.weight).unseen

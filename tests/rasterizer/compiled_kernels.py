@@ -41,7 +41,7 @@ KERNELS = [  # with the options that they are launched with, and what differs fr
     (chosen_rows_cuda.take_rows, FUSED, {}),
     (adam_cuda.update, {"num_warps": adam_cuda.WARPS, **FUSED}, {}),
     (density_statistics_cuda.add_view, FUSED, {}),
-    (positional_encoding_cuda.encode_places, FUSED, {}),
+    (positional_encoding_cuda.encode_positions, FUSED, {}),
     (photometric_cuda.blur_products_down, FUSED, {}),
     (photometric_cuda.blur_down, FUSED, {}),
     (photometric_cuda.compare, FUSED, {}),

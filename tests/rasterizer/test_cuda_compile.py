@@ -24,7 +24,7 @@ MOST_REGISTERS = {
     "take_rows": 48,
     "update": 32,
     "add_view": 24,
-    "encode_places": 32,
+    "encode_positions": 32,
     "blur_products_down": 64,
     "blur_down": 40,
     "compare": 80,

@@ -79,7 +79,7 @@ def trainer(tmp_path, monkeypatch, changes):
     # torch's list of devices with a fused Adam has CUDA, and not this one.
     monkeypatch.setattr(import_module("torch.optim.adam"), "_device_dtype_check_for_fused", lambda *_, **__: None)
     # The kernels that tensors on a GPU go to.
-    monkeypatch.setattr("core.appearance.transfer_mlp.encoded_places", positional_encoding_cuda.encoded_places)
+    monkeypatch.setattr("core.appearance.transfer_mlp.encoded_positions", positional_encoding_cuda.encoded_positions)
     monkeypatch.setattr("core.training.gaussians.gaussians.chosen_rows", chosen_rows_cuda.chosen_rows)
     monkeypatch.setattr(Gaussians, "step", adam_cuda.step)
     monkeypatch.setattr("core.training.gaussians.densify.gather", density_statistics_cuda.gather)
@@ -272,12 +272,12 @@ def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
 
 
 def test_a_kernel_that_is_given_a_tensor_left_behind_is_found():
-    from core.appearance.positional_encoding_cuda import encoded_places
+    from core.appearance.positional_encoding_cuda import encoded_positions
 
     with elsewhere(), kernels():
-        assert encoded_places(torch.rand(2, 3).to(DEVICE), 1).device == DEVICE
-        with pytest.raises(MixedDevices, match="encode_places got .* on the CPU"):
-            encoded_places(torch.rand(2, 3), 1)
+        assert encoded_positions(torch.rand(2, 3).to(DEVICE), 1).device == DEVICE
+        with pytest.raises(MixedDevices, match="encode_positions got .* on the CPU"):
+            encoded_positions(torch.rand(2, 3), 1)
 
 
 def test_a_photo_is_laid_over_a_colour_without_waiting():

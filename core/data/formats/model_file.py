@@ -20,7 +20,7 @@ import pycolmap
 
 from core.data.formats.text_model import fault_in, is_pose
 from core.errors import BadInput
-from core.system.atomic import temporary_place
+from core.system.atomic import temporary_root
 
 NEEDED, POINTS = ("cameras", "images"), "points3D"
 SUFFIXES = (".bin", ".txt")  # of a model's two kinds of files, the first preferred
@@ -148,7 +148,7 @@ def _read(folder: Path, suffix: str, points: Path | None) -> pycolmap.Reconstruc
 
     The files are read from a temporary folder: pycolmap demands all three, and reads whatever else lies beside them.
     """
-    with tempfile.TemporaryDirectory(dir=temporary_place()) as temporary:
+    with tempfile.TemporaryDirectory(dir=temporary_root()) as temporary:
         files = [Path(temporary, part + suffix) for part in (*NEEDED, POINTS)]
         for file in files:
             if file.stem == POINTS and points is None:

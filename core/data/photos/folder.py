@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from core.data.made import digest, is_of_wegs, names_wegs
+from core.data.made import digest, holds_run_config, is_of_wegs
 from core.errors import BadInput, command
 from core.words import list_names
 
@@ -81,7 +81,7 @@ def no_photos(folder: Path) -> BadInput:
     if others := list_unreadable(folder):
         suffixes = ", ".join(sorted({path.suffix.lower() for path in others}))
         return BadInput(f"{name} holds only {suffixes} photos, which cannot be read.", "Convert them to JPEG.")
-    if names_wegs(folder):
+    if holds_run_config(folder):
         return BadInput(f"{name} is a run, whose pictures are not photos.", "Give the folder that holds your photos.")
     if below := photos_below(folder):
         most_first = [str(inner.relative_to(folder)) for inner in sorted(below, key=below.__getitem__, reverse=True)]
@@ -91,7 +91,7 @@ def no_photos(folder: Path) -> BadInput:
             )
         fix = "Put all photos into one folder, or name one of these."
         return BadInput(f"{name} holds {what}; there are photos in its folders {list_names(most_first)}.", fix)
-    if runs := sorted(path for path in folder.iterdir() if names_wegs(path)):
+    if runs := sorted(path for path in folder.iterdir() if holds_run_config(path)):
         return BadInput(f"{name} holds {what}, but runs such as {runs[0]}.", "Give the folder that holds your photos.")
     if gone := list_gone(folder):
         return BadInput(

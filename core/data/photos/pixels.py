@@ -99,12 +99,13 @@ def load_photo(photo: Photo, width: int, height: int, transparent_is_empty: bool
     pixels, valid = _resize(pixels, width, height), _resize_valid(valid, width, height)
     empty = pixels[..., 3] if pixels.shape[2] == 4 else None
     pixels = np.ascontiguousarray(pixels[..., :3])
-    if photo.mask is not None and valid is not None:
-        pixels = _filled(pixels, valid, photo.path, masked=True)
-    elif valid is not None and not valid.any():
-        raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
-    elif valid is not None and alpha is not None and not transparent_is_empty:
-        pixels = fill(pixels, valid)
+    if valid is not None:
+        if photo.mask is not None:
+            pixels = _filled(pixels, valid, photo.path, masked=True)
+        elif not valid.any():
+            raise bad_photo(photo.path, "shows nothing: all of it is transparent, or out of its lens's sight")
+        elif alpha is not None and not transparent_is_empty:
+            pixels = fill(pixels, valid)
     return LoadedPhoto(pixels, valid, empty)
 
 

@@ -12,7 +12,7 @@ from core.data.made import read_mark
 from core.data.sfm.features import DATABASE
 from core.errors import as_disk_full, as_out_of_memory, disk_full
 from core.report import Report
-from core.system.atomic import KEPT, NAME_PART, named_if_full, place_for, remove, temporary_folder, write_json
+from core.system.atomic import KEPT, NAME_PART, named_if_full, parent_for, remove, temporary_folder, write_json
 from core.system.lock import taken
 
 MARK = "matches-of.json"  # what the database was made of
@@ -21,7 +21,7 @@ KEPT_FILES = (f"{DATABASE}*", MARK)  # of the work folder; SQLite puts files of 
 
 @contextmanager
 def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
-    """A work folder, in `place_for` the output, to make the scene `output` in; removed at the end.
+    """A work folder, in `parent_for` the output, to make the scene `output` in; removed at the end.
 
     If the block is stopped by Ctrl-C, a kill, a full disk or lack of memory, the database in the folder is kept for the
     next block. Nothing is kept if the disk has no locks (core.system.lock), or while another program makes the same
@@ -29,7 +29,7 @@ def work_kept_if_stopped(output: Path, report: Report) -> Iterator[Path]:
     """
     name = output.resolve().name
     work = (
-        place_for(output)
+        parent_for(output)
         / f".{name[:NAME_PART]}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:8]}{KEPT}"
     )
     work.mkdir(exist_ok=True)

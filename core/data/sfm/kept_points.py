@@ -8,7 +8,7 @@ import pycolmap
 from core.data.collection import CHECK_POSES, Collection, Photo
 from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
-from core.data.made import followed, made_once, path_from, read_mark, stamp, way_to
+from core.data.made import followed, made_once, path_from, read_mark, relative_path_to, stamp
 from core.data.posed import Points
 from core.data.sfm.room import write_model
 from core.data.sfm.silhouettes import points_in_silhouettes
@@ -66,7 +66,8 @@ def points_beside(collection: Collection, transparent_is_empty: bool, wanted: Pa
             (work / "scene" / MODEL).mkdir(parents=True)
             write_model(model, work / "scene" / MODEL)
             write_json(
-                work / "scene" / MARK, {"scene": str(root), "from_here": way_to(root, folder), "near": near, **same}
+                work / "scene" / MARK,
+                {"scene": str(root), "from_here": relative_path_to(root, folder), "near": near, **same},
             )
         report.say(f"{folder}: {counted(model.num_points3D(), 'point')}")
 

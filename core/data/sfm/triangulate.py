@@ -91,7 +91,7 @@ def partners(cameras: list[Camera]) -> list[tuple[int, int]]:
     return sorted(pairs)
 
 
-def off_line_px(first: Camera, second: Camera, in_first: np.ndarray, in_second: np.ndarray) -> np.ndarray:
+def sampson_distance_px(first: Camera, second: Camera, in_first: np.ndarray, in_second: np.ndarray) -> np.ndarray:
     """(N,) px by which matches, (N, 2) in each picture, violate the epipolar geometry:
     the Sampson distance (Hartley & Zisserman, eq. 11.9)."""
     turn = second.world_to_camera @ first.world_to_camera.T
@@ -137,7 +137,7 @@ def _keep_epipolar(work: Path, cameras: dict[str, tuple[Photo, Camera]], pairs: 
             if not len(found):
                 continue
             places = pixels[first][found[:, 0]], pixels[second][found[:, 1]]
-            near = off_line_px(cameras[first][1], cameras[second][1], *places) <= EPIPOLAR_PX
+            near = sampson_distance_px(cameras[first][1], cameras[second][1], *places) <= EPIPOLAR_PX
             geometry = pycolmap.TwoViewGeometry()
             geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
             geometry.inlier_matches = found[near].astype(np.uint32)

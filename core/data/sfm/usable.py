@@ -43,17 +43,21 @@ def usable_photos(paths: Sequence[Path], report: Report) -> Iterator[tuple[Path,
     ranks = {path.name: _rank(path, headers[path]) for path in paths}
     fullest_first = sorted(paths, key=lambda path: ranks[path.name])
     copies, pictures = copies_among(fullest_first), Pictures()
+
+    def read_once(path: Path) -> UsablePhoto:
+        if path in copies:
+            raise StoredTwice(f"{path.name} is a copy of {copies[path].name}.")
+        photo = _read(path, headers[path])
+        if twin := pictures.meet(path.name, photo.pixels):
+            ranked = zip(LESS, ranks[path.name], ranks[twin], strict=True)
+            less = next(words for words, own, its in ranked if own != its)
+            raise StoredTwice(f"{path.name} is the picture {twin} once more, {less}.")
+        return photo
+
     for done, path in enumerate(fullest_first, 1):
         found: UsablePhoto | BadInput
         try:
-            if path in copies:
-                raise StoredTwice(f"{path.name} is a copy of {copies[path].name}.")
-            found = _read(path, headers[path])
-            if twin := pictures.meet(path.name, found.pixels):
-                less = next(
-                    words for words, own, its in zip(LESS, ranks[path.name], ranks[twin], strict=True) if own != its
-                )
-                raise StoredTwice(f"{path.name} is the picture {twin} once more, {less}.")
+            found = read_once(path)
         except BadInput as problem:
             found = problem
         yield path, found

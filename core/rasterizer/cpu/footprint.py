@@ -40,7 +40,7 @@ def touched_columns(footprints, i, tile_row, width):
 
 @exact_part
 def half_chord(height):
-    """Of the unit circle, at a height above its centre; 0 outside."""
+    """Half the chord of the unit circle at a height above its centre; 0 outside."""
     return math.sqrt(max(1.0 - height * height, 0.0))
 
 

@@ -74,7 +74,7 @@ def scales_of(log_scales, i):
 
 @part
 def opacity_of(logit):
-    """In [0, 1]."""
+    """The sigmoid of a logit."""
     return 1.0 / (1.0 + math.exp(-np.float64(logit)))
 
 

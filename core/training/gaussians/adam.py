@@ -76,12 +76,12 @@ def adam_rows(tensors: Sequence[Moved], counts: Tensor, rows: Tensor) -> None:
     for *arrays, rates in tensors:
         flat.append([*(array.reshape(len(array), -1).numpy() for array in arrays), rates.numpy()])
     table = corrections(1 << (int(counts.max()) + 1).bit_length())  # a power of two, so that few tables are made
-    row_counts, places = counts.numpy(), rows.numpy()
+    row_counts, row_indices = counts.numpy(), rows.numpy()
 
     def update(begin: int, end: int) -> None:
-        _count(row_counts, places, begin, end)
+        _count(row_counts, row_indices, begin, end)
         for arrays in flat:
-            _update(*arrays, row_counts, table, places, begin, end)
+            _update(*arrays, row_counts, table, row_indices, begin, end)
 
     in_parallel(update, len(rows), ROWS_PER_BLOCK)
 

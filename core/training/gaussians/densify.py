@@ -133,12 +133,12 @@ def _multiply(gaussians: Gaussians, gradient: Tensor, count: int, generator: tor
     chosen = torch.sort(gradient, descending=True, stable=True).indices[:count].sort().values
     born = {name: tensor[chosen].clone() for name, tensor in gaussians.parameters.items()}
     large = born["log_scales"].amax(dim=1) > torch.tensor(SPLIT_SCALE).log()
-    split, places = chosen[large], born["means"][large]
+    split, centres = chosen[large], born["means"][large]
     spread, turn = torch.exp(born["log_scales"][large]), rotations(born["quaternions"][large])
 
     def drawn() -> Tensor:
         offset = torch.randn(spread.shape, generator=generator).to(spread) * spread
-        return places + torch.einsum("nij,nj->ni", turn, offset)
+        return centres + torch.einsum("nij,nj->ni", turn, offset)
 
     moved, born["means"][large] = drawn(), drawn()
     born["log_scales"][large] -= torch.tensor(SPLIT_SHRINK).log()

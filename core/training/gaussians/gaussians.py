@@ -122,7 +122,7 @@ class Gaussians:
         vars(self).update(vars(Gaussians.from_tensors(flat, self.sky_count)))
 
     def tensors(self) -> dict[str, Tensor]:
-        """Everything, flat, for a checkpoint."""
+        """All tensors by flat name, as a checkpoint stores them."""
         flat = {f"parameters.{name}": tensor for name, tensor in self.parameters.items()}
         for moment in MOMENTS:
             flat |= {f"{moment}.{name}": tensor for name, tensor in getattr(self, moment).items()}

@@ -21,7 +21,7 @@ def backward(*roots: tuple[Tensor | None, Tensor | None]) -> None:
 
 
 class _Start(torch.autograd.Function):
-    """A scalar by which the gradient of a tensor is the given one; its value is nobody's business.
+    """A stand-in whose gradient by a tensor is the given one; its value is never read.
     For gradients that are given otherwise, torch loads sympy, which takes half a second before the first step."""
 
     @staticmethod

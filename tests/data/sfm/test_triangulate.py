@@ -18,7 +18,7 @@ from core.data.prepare import prepared
 from core.data.sfm import kept_points
 from core.data.sfm.features import DATABASE
 from core.data.sfm.kept_cameras import scene_of_photos
-from core.data.sfm.triangulate import NEAREST, SPREAD, off_line_px, partners, triangulate
+from core.data.sfm.triangulate import NEAREST, SPREAD, partners, sampson_distance_px, triangulate
 from core.doctor import examine
 from core.errors import BadInput
 from core.looks.trained import TrainedRun
@@ -88,7 +88,7 @@ def test_matches_farther_than_two_pixels_off_their_lines_are_left_out(corner, tm
         numbers = [database.read_image_with_name(f"{number:06d}.jpg").image_id for number in (1, 2)]
         pixels = [database.read_keypoints(number)[:, :2].astype(np.float64) for number in numbers]
         found, kept = database.read_matches(*numbers), database.read_two_view_geometry(*numbers).inlier_matches
-    off_px = off_line_px(
+    off_px = sampson_distance_px(
         *(camera for _, camera in photos), *(places[rows] for places, rows in zip(pixels, found.T, strict=True))
     )
     assert (off_px > 2).any() and np.array_equal(kept, found[off_px <= 2])
@@ -117,11 +117,11 @@ def test_cameras_that_few_matches_agree_with_are_reported(corner, kept, tmp_path
 
 def test_few_points_that_two_photos_see_count(corner, tmp_path, monkeypatch):
     def ten_nearest(*given):
-        off_px = off_line_px(*given)
+        off_px = sampson_distance_px(*given)
         off_px[np.argsort(off_px)[10:]] = np.inf
         return off_px
 
-    monkeypatch.setattr("core.data.sfm.triangulate.off_line_px", ten_nearest)
+    monkeypatch.setattr("core.data.sfm.triangulate.sampson_distance_px", ten_nearest)
     model, _ = triangulate(two_photos(corner), tmp_path, Report())
     assert 1 <= model.num_points3D() <= 10
 
@@ -327,8 +327,10 @@ def test_the_distance_from_the_epipolar_line_is_that_in_pixels():
     first, second = looking((0, 0, 0), 0), looking((1, 0, 0), 0)
     points = np.array([[0.5, 0.2, 5], [-1, -1, 8.0]])
     a, b = (camera.project(points)[0] for camera in (first, second))
-    assert off_line_px(first, second, a, b).max() < 1e-9  # float64
-    assert off_line_px(first, second, a, b + [3, 4]) == pytest.approx([4 / np.sqrt(2)] * 2, rel=1e-9)
+    assert sampson_distance_px(first, second, a, b).max() < 1e-9  # float64
+    assert sampson_distance_px(first, second, a, b + [3, 4]) == pytest.approx([4 / np.sqrt(2)] * 2, rel=1e-9)
     turned = looking((1, 0.3, -0.2), 20)
-    assert off_line_px(first, turned, a, turned.project(points)[0]).max() < 1e-9
-    assert np.isfinite(off_line_px(first, replace(first, centre=first.centre), a, b)).all()  # one place: no line
+    assert sampson_distance_px(first, turned, a, turned.project(points)[0]).max() < 1e-9
+    assert np.isfinite(
+        sampson_distance_px(first, replace(first, centre=first.centre), a, b)
+    ).all()  # one place: no line

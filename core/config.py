@@ -281,11 +281,7 @@ class Settings:
         for name in values:
             if name not in FIELDS:
                 raise no_setting(name)
-        typed: dict[str, Any] = {
-            name: UNDECIDED if FIELDS[name].metadata["auto"] and value == AUTO else value
-            for name, value in values.items()
-        }
-        return replace(self, **typed)
+        return replace(self, **values)
 
     def decided(self, **answers: Any) -> "Settings":
         """A copy in which what was left to be decided has these values.

@@ -45,17 +45,17 @@ def wrong_kind(item: Field, text: str) -> BadSetting:
 
 
 def checked(item: Field, value: Any) -> Any:
-    """`value`, as a float where the Settings field `item` is one: whole numbers are taken for it.
-    BadSetting for another type or beyond its range."""
+    """`value`, as a float where the Settings field `item` is one: whole numbers are taken for it;
+    UNDECIDED for AUTO, where that is allowed. BadSetting for another type or beyond its range."""
     rules = item.metadata
+    if rules["auto"] and value in (AUTO, UNDECIDED):
+        return UNDECIDED
     kind: Any = item.type  # a class: Settings does not postpone its annotations
     good = isinstance(value, kind) and not (kind is int and isinstance(value, bool))
     if kind is float:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
     if not good:
         raise wrong_kind(item, repr(value))
-    if rules["auto"] and value == UNDECIDED:
-        return UNDECIDED
     if rules["choices"] and value not in rules["choices"]:
         fault = "not a choice"
     elif rules["low"] is not None and value < rules["low"]:

@@ -40,9 +40,7 @@ RIVALS = {"wegs": FULL, "affine exposure": AFFINE, "plain 3DGS": PLAIN}
 @arguments.seeds(1, "Runs of each method.")
 @arguments.protocol("half", "full")
 @arguments.output("runs/compare")
-def main(
-    scene: Path, preset_name: str, resolution: int | str, seeds: int, protocols: tuple[str, ...], output: Path
-) -> None:
+def main(scene: Path, preset_name: str, resolution: int, seeds: int, protocols: tuple[str, ...], output: Path) -> None:
     """Train and measure wegs, the affine exposure model and plain 3DGS on SCENE."""
     runs: dict[str, list[dict]] = {name: [] for name in RIVALS}
     with Terminal() as terminal:

@@ -25,7 +25,6 @@ import torch
 from core.appearance.colouring import Colouring
 from core.data import load_collection
 from core.data.collection import Collection, Photo
-from core.evaluation.metrics import psnr, quantised
 from core.evaluation.protocols import fit_of, refined
 from core.looks.find_look import look_of_file
 from core.looks.held_out_views import held_out_view
@@ -91,11 +90,8 @@ def scores(trained: TrainedRun, photo: Photo, found: Camera) -> list[float]:
         for camera in (found.resized(view.camera.width, view.camera.height), view.camera)
     ]
     looks = [Colouring(fits[0].start), *(refined(trained, fit) for fit in fits)]
-    scored = fits[0].scored
-    valid = None if view.valid is None else view.valid[:, scored]
     seen = trained.seen_by(view.camera)
-    pictures = (seen.render(look) for look in looks)
-    return [psnr(quantised(picture)[:, scored], fits[0].photo[:, scored], valid) for picture in pictures]
+    return [fits[0].psnr(seen.render(look)) for look in looks]
 
 
 if __name__ == "__main__":

@@ -78,7 +78,7 @@ CASES: dict[str, Change] = {
 @arguments.resolution(4)
 @arguments.seeds(3, "Runs of each case.")
 @arguments.output("runs/stiff")
-def main(steps: int, resolution: int | str, seeds: int, output: Path) -> None:
+def main(steps: int, resolution: int, seeds: int, output: Path) -> None:
     """Train and measure every case; prints a Markdown table."""
     check_folder(output)
     rows = []

@@ -57,7 +57,7 @@ SMALL_PX = 64  # width of the picture from which a photo's mean colour is taken
 @arguments.preset
 @arguments.steps()
 @arguments.resolution()
-def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: int | str) -> None:
+def main(scene: Path, by: str, preset_name: str, steps: int | None, resolution: int) -> None:
     """Train SCENE without the photos of one light and show it these."""
     whole = load_collection(scene)
     if not len(whole.points):

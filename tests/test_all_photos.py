@@ -24,7 +24,7 @@ def test_with_all_photos_masks_apply_to_photos_that_are_otherwise_held_out(tmp_p
         size = photo.camera.height, photo.camera.width
         write_png(tmp_path / "masks" / photo.name, np.full(size, 255, np.uint8))
     masks = [
-        [photo.mask is not None for photo in run_config.read_config(folder)[2].split("train")]
+        [photo.mask is not None for photo in run_config.read_config(folder).collection.split("train")]
         for folder in (
             pipeline.train(
                 tmp_path, small_settings(steps=1, all_photos=asked), tmp_path / f"run{asked}", masks=tmp_path / "masks"
@@ -44,7 +44,7 @@ def test_with_all_photos_none_is_held_out_and_the_user_is_told(tmp_path, monkeyp
     assert "6 photos (6 train, 0 test)" in said and "! All photos are trained on" in said
     pipeline.resume(folder)
     trained = load_run(folder)
-    assert len(trained.model.photo_names) == 6 and not run_config.read_config(folder)[2].split("test")
+    assert len(trained.model.photo_names) == 6 and not run_config.read_config(folder).collection.split("test")
     with pytest.raises(BadInput, match="has no held-out photos. .*without --all-photos"):
         pipeline.evaluate(folder)
 

@@ -2,6 +2,8 @@
 
 import sys
 
+from wegs_cli import INTERRUPTED
+
 
 def run() -> None:
     """Run `wegs_cli.main`, which handles Ctrl-C once it is loaded;
@@ -11,7 +13,7 @@ def run() -> None:
 
         run()
     except KeyboardInterrupt:
-        sys.exit(130)  # INTERRUPTED of `wegs_cli.main`
+        sys.exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

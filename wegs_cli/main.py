@@ -12,6 +12,8 @@ from typing import Any, NoReturn
 
 import click
 
+from wegs_cli import INTERRUPTED
+
 # Command -> function. None of these modules imports torch before its command runs.
 COMMANDS = {
     "train": "wegs_cli.train:train",
@@ -22,7 +24,6 @@ COMMANDS = {
     "sfm": "wegs_cli.sfm:sfm",
     "doctor": "wegs_cli.doctor:doctor",
 }
-INTERRUPTED = 130  # what shells report for Ctrl-C
 UNUSABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
 
 

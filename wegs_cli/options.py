@@ -56,8 +56,7 @@ class Number(click.ParamType):
 
     def convert(self, value, param, ctx):
         try:
-            number = _value_of(self.item, value)
-            return number if number == AUTO else checked(self.item, number)
+            return checked(self.item, _value_of(self.item, value))
         except BadSetting as problem:
             self.fail(str(problem), param, ctx)
 

@@ -5,7 +5,8 @@ import signal
 from types import FrameType
 
 from core.training.interrupt import HANG_UP, STOPS
-from wegs_cli.main import INTERRUPTED, say_last
+from wegs_cli import INTERRUPTED
+from wegs_cli.main import say_last
 
 
 def end_at_once() -> None:

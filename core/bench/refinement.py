@@ -16,7 +16,6 @@ from core.bench.figure import Figure, Panel, Point, Quantity, Spread
 from core.bench.machine import made_on
 from core.data.collection import spread_over
 from core.errors import BadInput
-from core.evaluation import metrics
 from core.evaluation.protocols import HeldOutView, fit_of, refining
 from core.evaluation.subject import Subject
 from core.looks.held_out_views import over_views
@@ -88,9 +87,7 @@ def _course(subject: Subject, protocol: str, view: HeldOutView) -> list[dict[str
         seconds += time.perf_counter() - since
         if step in MEASURED:
             with torch.no_grad():
-                image = metrics.quantised(seen.render(look))
-            part = None if view.valid is None else view.valid[:, fit.scored]
-            psnr = metrics.psnr(image[:, fit.scored], fit.photo[:, fit.scored], part)
+                psnr = fit.psnr(seen.render(look))
             first = course[0]["psnr"] if course else psnr
             course.append({"steps": step, "seconds": seconds, "gain": psnr - first, "psnr": psnr})
         since = time.perf_counter()

@@ -76,7 +76,14 @@ class Choice:
 
 @torch.no_grad()
 def rendering_figure(
-    what: str, splats: Splats, cameras: list[Camera], seed: int, report: Report, budget: float, name: str = "rendering"
+    what: str,
+    splats: Splats,
+    cameras: list[Camera],
+    report: Report,
+    *,
+    seed: int,
+    budget: float,
+    name: str = "rendering",
 ) -> Figure:
     """All CPU backends and levers, on splats (float32) and cameras. what: these, in words.
     budget: see `stopwatch.timed`. name: the figure's."""

@@ -72,7 +72,15 @@ def collection(folder: Path) -> Collection:
     points = surface.means[found] + POINT_ERROR * random.normal(size=(int(found.sum()), 3))
     colours = (0.7 * surface.albedo[found]).astype(np.float32)
     frame = SceneFrame(np.zeros(3), 1.0)
-    return Collection("built-in", folder, "built-in", tuple(photos), points, colours, frame)
+    return Collection(
+        name="built-in",
+        root=folder,
+        kind="built-in",
+        photos=tuple(photos),
+        points=points,
+        point_colours=colours,
+        frame=frame,
+    )
 
 
 def rendering_scene() -> tuple[Splats, list[Camera]]:

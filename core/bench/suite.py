@@ -173,25 +173,26 @@ def _measurable(
     collection: None for that of the run, or the built-in one.
     """
     collection = trained.collection if trained else collection
-    lacking: tuple[str, ...] = ()
+    reasons: dict[str, BadInput] = {}
     if collection is not None and not collection.split("test"):
-        lacking = ("training", "refinement")
-        problem = BadInput(
+        none_held_out = BadInput(
             f"No photo of {collection.name} is held out.",
             "Take a run without --all-photos of a scene whose split has test photos.",
         )
+        reasons = {"training": none_held_out, "refinement": none_held_out}
     elif trained is not None:
         try:
             checks(trained.folder)
-        except BadInput as found:
-            lacking, problem = ("training",), found
-    left = tuple(name for name in names if name not in lacking)
-    if left == names:
+        except BadInput as unchecked:
+            reasons = {"training": unchecked}
+    lacking = [name for name in names if name in reasons]
+    if not lacking:
         return names
-    if not left:
-        raise BadInput(problem.what, f"{problem.fix} Or choose another figure with --only.")
-    report.say(f"Nothing is drawn of {' and '.join(name for name in names if name in lacking)}: {problem}")
-    return left
+    reason = reasons[lacking[0]]
+    if len(lacking) == len(names):
+        raise BadInput(reason.what, f"{reason.fix} Or choose another figure with --only.")
+    report.say(f"Nothing is drawn of {' and '.join(lacking)}: {reason}")
+    return tuple(name for name in names if name not in reasons)
 
 
 def _courses_of(folders: list[Path]) -> list[Course]:
@@ -224,7 +225,8 @@ def _refinement(
 
 
 def _fixed_rendering(size: Size, report: Report) -> Figure:
-    return rendering_figure("the built-in scene", *small_scene.rendering_scene(), 0, report, size.budget)
+    splats, cameras = small_scene.rendering_scene()
+    return rendering_figure("the built-in scene", splats, cameras, report, seed=0, budget=size.budget)
 
 
 def _rendering_of(trained: TrainedRun, size: Size, report: Report) -> Figure:
@@ -232,7 +234,13 @@ def _rendering_of(trained: TrainedRun, size: Size, report: Report) -> Figure:
     cameras = [trained.camera(photo) for photo in photos]
     splats = bake(trained, neutral_look(trained)).map(Tensor.cpu)  # that figure is of a CPU
     return rendering_figure(
-        trained.folder.resolve().name, splats, cameras, trained.settings.seed, report, size.budget, OF_RUN
+        trained.folder.resolve().name,
+        splats,
+        cameras,
+        report,
+        seed=trained.settings.seed,
+        budget=size.budget,
+        name=OF_RUN,
     )
 
 

@@ -45,7 +45,7 @@ def training_figure(courses: list[Course], title: str, notes: tuple[str, ...] = 
     """All courses in one picture, with medians and quartiles over the runs of a course.
     Raises BadInput if held-out quality was never measured."""
     points = [point for course in courses for point in _points(course)]
-    seeds = sorted({read_config(folder)[1].seed for course in courses for folder in course.folders})
+    seeds = sorted({read_config(folder).settings.seed for course in courses for folder in course.folders})
     return Figure("training", title, QUANTITIES, PANELS, tuple(points), made_on(*seeds), NOTES + notes)
 
 
@@ -58,7 +58,8 @@ def checks(folder: Path) -> list[dict[str, float]]:
 
 
 def _how_to_check(folder: Path) -> str:
-    _, settings, collection = read_config(folder)
+    config = read_config(folder)
+    settings, collection = config.settings, config.collection
     saved = checkpoint.read_newest(folder, checkpoint.read_facts)
     step = saved[1]["step"] if saved else 0
     if not (settings.held_out_checks and collection.split("test")):

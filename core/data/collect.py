@@ -60,7 +60,14 @@ def collect(root: Path, posed: Posed, all_photos: bool) -> Collection:
     positions = frame.to_scene(points.positions)
     notes += _contradicted(photos, positions)
     collection = Collection(
-        root.resolve().name, root, posed.kind, photos, positions, points.colours, frame, tuple(notes)
+        name=root.resolve().name,
+        root=root,
+        kind=posed.kind,
+        photos=photos,
+        points=positions,
+        point_colours=points.colours,
+        frame=frame,
+        notes=tuple(notes),
     )
     collection = collection.undivided() if all_photos else collection
     masks = {name: photo.mask for name, photo in named.items() if photo.mask is not None}

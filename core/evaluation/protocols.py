@@ -45,8 +45,8 @@ class HeldOutView:
 class Fit:
     """The part of a view that gives the look, and the part that is scored.
 
-    photo: quantised, whole. region: the columns of it that give the look, as `camera` sees them. valid: as in
-    HeldOutView, of the region. scored: the columns that are scored. start: the encoder's embedding of the region.
+    photo: quantised, whole. region: the columns of it that give the look, as `camera` sees them. scored: the columns
+    that are scored. valid, scored_valid: as in HeldOutView, of either. start: the encoder's embedding of the region.
     """
 
     photo: Float[Tensor, "h w 3"]
@@ -54,7 +54,13 @@ class Fit:
     camera: Camera
     valid: Bool[Tensor, "h w_fitted"] | None
     scored: slice
+    scored_valid: Bool[Tensor, "h w_scored"] | None
     start: Float[Tensor, " e"]
+
+    def psnr(self, image: Float[Tensor, "h w 3"]) -> float:
+        """The PSNR (dB) of a render of the whole view, where it is scored."""
+        columns = metrics.quantised(image)[:, self.scored]
+        return metrics.psnr(columns, self.photo[:, self.scored], self.scored_valid)
 
 
 def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
@@ -63,11 +69,12 @@ def fit_of(subject: Subject, view: HeldOutView, protocol: str) -> Fit:
     photo = metrics.quantised(view.picture)
     region = photo[:, fitted]
     camera = view.camera.cropped(0, 0, region.shape[1], region.shape[0])
-    valid = None if view.valid is None else view.valid[:, fitted]
+    valid, scored_valid = (None if view.valid is None else view.valid[:, part] for part in (fitted, scored))
     # Transparent pixels are filled again, as their colours may come from the part that is scored.
     if valid is not None and fitted != scored:
         region = torch.from_numpy(fill(to_8_bit(region), valid.cpu().numpy())).to(region) / 255
-    return Fit(photo, region, camera, valid, scored, subject.embed(region.permute(2, 0, 1).contiguous()))
+    start = subject.embed(region.permute(2, 0, 1).contiguous())
+    return Fit(photo, region, camera, valid, scored, scored_valid, start)
 
 
 def refining(subject: Subject, fit: Fit) -> Iterator[Colouring]:

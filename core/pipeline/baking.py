@@ -11,6 +11,7 @@ from core.looks.look_file import write_look
 from core.looks.pruning import pruner_of
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
+from core.run import viewer_files
 from core.run.run_config import check_same_run
 from core.system.outputs import check_replaceable
 from core.words import counted
@@ -60,7 +61,7 @@ def bake_to_file(
         f"{output}: {counted(written, 'Gaussian')}, {output.stat().st_size / 1e6:.1f} MB, "
         f"{time.perf_counter() - start:.1f} s"
     )
-    cameras = trained.folder / "cameras.json"
+    cameras = trained.folder / viewer_files.CAMERAS
     viewpoints = f", and {cameras} as well for the photos' viewpoints" if cameras.exists() else ""
     report.say(f"Next: drag {output} into {VIEWER}{viewpoints}")
     if with_sky and trained.sky_count:

@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,15 @@ from core.system.atomic import write_json
 CROOKED = 1e-3  # by how much the axes of a camera may be off length 1 or right angles
 
 
+class RunConfig(NamedTuple):
+    """What a run was made by. identity: its name, which no run of other photos or settings has.
+    collection: without SfM points, which only training needs."""
+
+    identity: str
+    settings: Settings
+    collection: Collection
+
+
 def write_config(folder: Path, collection: Collection, settings: Settings, decisions: Sequence[Decision] = ()) -> None:
     """Write what made the run: settings, scene, frame, photos with splits and cameras (scene frame, exact).
 
@@ -41,22 +50,19 @@ def write_config(folder: Path, collection: Collection, settings: Settings, decis
     }
     # The same photos and settings give the same embeddings: the run's name is made from them, not drawn. Of files the
     # sizes stand for the content.
-    files = [
-        path for photo in collection.photos for path in _files_of(photo).values() if path is not None and path.is_file()
-    ]
-    sizes = [path.stat().st_size for path in files]
-    made_of = [core.__version__, facts, sizes]
+    files = [path for photo in collection.photos for path in _files_of(photo).values()]
+    sizes: dict[Path | None, int] = {path: path.stat().st_size for path in files if path is not None and path.is_file()}
+    made_of = [core.__version__, facts, [sizes[path] for path in files if path in sizes]]
     identity = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()[:12]
     facts["scene"]["from_run"] = relative_path_to(collection.read_from, folder)
-    size_of: dict[Path | None, int] = dict(zip(files, sizes, strict=True))
     for photo, values in zip(collection.photos, facts["photos"], strict=True):
         of_photo = _files_of(photo)
-        values |= {"bytes": size_of.get(of_photo["path"]), "mask_bytes": size_of.get(of_photo["mask"])}
+        values |= {"bytes": sizes.get(of_photo["path"]), "mask_bytes": sizes.get(of_photo["mask"])}
     write_json(folder / CONFIG, {"wegs": core.__version__, "run": identity, **facts})
 
 
-def read_config(folder: Path) -> tuple[str, Settings, Collection]:
-    """The run's identity, settings and collection; the collection has no SfM points, which only training needs.
+def read_config(folder: Path) -> RunConfig:
+    """What the run's config.json says.
 
     Raises BadInput if config.json is damaged or of another version.
     """
@@ -81,7 +87,7 @@ def read_config(folder: Path) -> tuple[str, Settings, Collection]:
             frame=SceneFrame.from_json(facts["frame"]),
             points_from=None if read_from == root else read_from,
         )
-        return str(facts["run"]), settings, collection
+        return RunConfig(str(facts["run"]), settings, collection)
     except BadSetting as problem:
         fix = "It is of another version of wegs, or was changed: train the run again."
         raise BadInput(f"{path} cannot be used: {problem.what}", fix) from None

@@ -24,12 +24,14 @@ from core.system.outputs import check_folder, check_named_as_folder, files_in
 PREVIEW = "preview.png"
 MASKS, LOOKS, PICTURES, CURVES = "masks", "appearance", "pictures", "curves"  # folders in it
 RUNS = Path("runs")
-CLOUDS = "point_cloud/iteration_*/point_cloud.ply"  # the last file that a training writes
+CLOUD = "point_cloud/iteration_{}/point_cloud.ply"  # after so many steps; the last file that a training writes
+CLOUDS = CLOUD.format("*")
 # All that a run may have written but its checkpoints, and so all else that --force may delete. What makes it a run goes
 # last: where deleting is stopped on the way, --force is taken again.
 OURS = (
-    "cfg_args", "cameras.json", "input.ply", "point_cloud", checkpoint.TEMPORARY, LOOKS, PICTURES, CURVES,
-    history.FILE, MASKS, PREVIEW, *(name for names in RESULT_FILES.values() for name in names),
+    viewer_files.CFG_ARGS, viewer_files.CAMERAS, viewer_files.POINTS, "point_cloud", checkpoint.TEMPORARY,
+    LOOKS, PICTURES, CURVES, history.FILE, MASKS, PREVIEW,
+    *(name for names in RESULT_FILES.values() for name in names),
     CONFIG,
 )  # fmt: skip
 
@@ -41,17 +43,11 @@ def is_run(folder: Path) -> bool:
     return "wegs" in facts or (not facts and (folder / CONFIG).is_file() and checkpoint.newest(folder) is not None)
 
 
-def newest_run() -> Path:
-    """The current folder, by its full name, if it is a run, else the run begun last under runs/;
-    BadInput if there is none."""
-    if is_run(here := Path.cwd()):
-        return here
-    newest = newest_in(RUNS)
-    if newest is None:
-        raise BadInput(
-            f"There is no run in {RUNS} of the current folder.", "Give the folder of one, or type: wegs train SCENE"
-        )
-    return newest
+def default_run() -> Path | None:
+    """The run that commands take when none is named: the current folder, by its full name, if it is a run,
+    else the one begun last under runs/; None if there is none."""
+    here = Path.cwd()
+    return here if is_run(here) else newest_in(RUNS)
 
 
 def newest_in(folder: Path) -> Path | None:
@@ -61,9 +57,12 @@ def newest_in(folder: Path) -> Path | None:
 
 
 def find_run(path: Path | None) -> Path:
-    """The run at `path`, or the newest one for None; BadInput if it is none."""
+    """The run at `path`, or the `default_run` for None; BadInput if it is none."""
     if path is None:
-        return newest_run()
+        if (found := default_run()) is None:
+            what = f"There is no run in {RUNS} of the current folder."
+            raise BadInput(what, "Give the folder of one, or type: wegs train SCENE")
+        return found
     if path.is_file():
         which = f": {run}" if (run := run_around(path)) else ", which `wegs train` made"
         raise BadInput(f"{path} is a file, not a folder.", f"Give the folder of the run{which}.")
@@ -90,11 +89,9 @@ def is_at_work(folder: Path) -> bool:
 
 
 def is_default(folder: Path) -> bool:
-    """Whether `folder` is the run that commands take when none is named."""
-    try:
-        return newest_run().resolve() == folder.resolve()
-    except BadInput:
-        return False
+    """Whether `folder` is the `default_run`."""
+    found = default_run()
+    return found is not None and found.resolve() == folder.resolve()
 
 
 def choose_folder(output: Path | None, scene_name: str, force: bool = False) -> Path:
@@ -158,7 +155,7 @@ def _clear(folder: Path) -> None:
 
 def point_cloud_path(folder: Path, step: int) -> Path:
     """Where viewers look for the Gaussians after `step` steps; the folder is made."""
-    path = folder / "point_cloud" / f"iteration_{step}" / "point_cloud.ply"
+    path = folder / CLOUD.format(step)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

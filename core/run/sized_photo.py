@@ -107,7 +107,12 @@ def load_sized_photo(
     loaded = load_photo(photo, camera.width, camera.height, transparent_is_empty)
     full = torch.from_numpy(loaded.pixels).permute(2, 0, 1).float().div_(255)
     return SizedPhoto(
-        photo, loaded.pixels, loaded.valid, camera, shrink(full, sizes.encoder_side_px).to(device), loaded.empty
+        photo=photo,
+        pixels=loaded.pixels,
+        valid=loaded.valid,
+        camera=camera,
+        encoder_input=shrink(full, sizes.encoder_side_px).to(device),
+        empty=loaded.empty,
     )
 
 

@@ -8,13 +8,15 @@ from core.export.ply import write_points
 from core.scene.harmonics import MAX_DEGREE
 from core.system.atomic import write_json, write_text
 
+CFG_ARGS, CAMERAS, POINTS = "cfg_args", "cameras.json", "input.ply"
+
 
 def write(folder: Path, collection: Collection, white_background: bool) -> None:
     """Write all three. white_background: viewers are to draw the scene over white."""
     points = collection.frame.for_files().to_world(collection.points)
-    write_points(folder / "input.ply", points, collection.point_colours)
-    write_json(folder / "cameras.json", _cameras_json(collection))
-    write_text(folder / "cfg_args", _cfg_args(folder, collection, white_background))
+    write_points(folder / POINTS, points, collection.point_colours)
+    write_json(folder / CAMERAS, _cameras_json(collection))
+    write_text(folder / CFG_ARGS, _cfg_args(folder, collection, white_background))
 
 
 def _cameras_json(collection: Collection) -> list[dict]:

@@ -46,7 +46,7 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
             shutil.rmtree(folder)  # of other or unknown settings
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, kept)
-    elif run_folders.is_run(folder) and (changed := _changed(read_config(folder)[2], kept.get("photos", {}))):
+    elif run_folders.is_run(folder) and (changed := _changed(read_config(folder).collection, kept.get("photos", {}))):
         raise BadInput(
             f"Photos in {scene}, or their masks, are not those that {folder} was trained on: {list_names(changed)}.",
             f"Choose another -o, or delete {path} to train again.",
@@ -59,7 +59,7 @@ def measured(scene: Path, settings: Settings, folder: Path, protocols: Sequence[
             pipeline.resume(folder, report)
         (cloud,) = folder.glob(run_folders.CLOUDS)
         kept["bytes"] = cloud.stat().st_size
-        kept.setdefault("photos", _digests(read_config(folder)[2]))
+        kept.setdefault("photos", _digests(read_config(folder).collection))
     for protocol in missing:
         kept["results"][protocol] = pipeline.evaluate(folder, protocol, report).to_json()
         write_json(path, kept)

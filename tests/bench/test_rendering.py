@@ -64,7 +64,7 @@ def test_a_way_on_several_curves_is_measured_once(monkeypatch):
     monkeypatch.setattr(rendering, "ALPHAS", {"1/255": 1.0})
     view = camera()
     monkeypatch.setattr(rendering, "timed", lambda work, _: (work(), stopwatch.Spread.exactly(0.5)))
-    made = rendering_figure("a cloud", cloud(view, 30, seed=1, degree=1), [view, view], 5, Report(), 0.0)
+    made = rendering_figure("a cloud", cloud(view, 30, seed=1, degree=1), [view, view], Report(), seed=5, budget=0.0)
     of = {(point.curve, point.label): point.values for point in made.points}
     assert of["reference: alpha threshold", "alpha 1/255"] is of["reference: SH degree", "degree 1"]
     assert all(values["milliseconds"].median == 250 for values in of.values())  # a picture

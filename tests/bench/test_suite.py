@@ -58,7 +58,7 @@ def test_a_run_is_measured_as_it_is(small_run, tmp_path):
 def test_rendering_alone_trains_nothing_and_is_of_the_built_in_scene_and_of_a_run(small_run, tmp_path, monkeypatch):
     figure, rendered = training_figure(suite._courses_of([small_run]), "", ()), []
 
-    def drawn(what, splats, cameras, seed, report, budget, name="rendering"):
+    def drawn(what, splats, cameras, report, seed, budget, name="rendering"):
         rendered.append((what, len(cameras)))
         return replace(figure, name=name)
 
@@ -90,7 +90,7 @@ def test_no_more_is_trained_than_the_figures_need(tmp_path, monkeypatch, names, 
 
 
 def test_what_cannot_be_measured_is_refused_before_the_minutes(tmp_path, small_run, monkeypatch):
-    monkeypatch.setattr(suite, "rendering_figure", lambda *_: pytest.fail("it was measured first"))
+    monkeypatch.setattr(suite, "rendering_figure", lambda *_, **__: pytest.fail("it was measured first"))
     with pytest.raises(BadInput, match="not a run"):
         suite.bench(None, tmp_path, FIGURES, False, tmp_path / "out", Report())
     with pytest.raises(BadInput, match="no folder"):
@@ -122,14 +122,14 @@ def test_what_a_killed_bench_left_is_removed_by_the_next(tmp_path, monkeypatch):
 
 def test_a_runs_own_cameras_are_rendered_in_the_neutral_look(small_run, monkeypatch):
     asked = []
-    monkeypatch.setattr(suite, "rendering_figure", lambda *arguments: asked.append(arguments))
+    monkeypatch.setattr(suite, "rendering_figure", lambda *given, **named: asked.append((*given, named)))
     monkeypatch.chdir(small_run)
     trained = load_run(Path())
     suite._rendering_of(trained, replace(TINY, cameras=1), Report())
     what, splats, cameras, *_, named = asked[0]
     assert torch.equal(splats.sh, bake(trained, find_look(trained, "neutral")).sh)
     assert (cameras[0].width, cameras[0].height) == (WIDTH, HEIGHT)
-    assert named == suite.OF_RUN and what == small_run.name
+    assert named["name"] == suite.OF_RUN and what == small_run.name
 
 
 def test_curves_of_runs_go_into_the_first_and_leave_a_run_that_can_be_replaced(small_run):

@@ -239,7 +239,7 @@ def test_through_which_lens_a_mask_was_taken_is_kept_with_the_run(collection, tm
     first = with_mask(collection.photos[0], mask, (96, 72), lens)
     collection = replace(collection, photos=(first, *collection.photos[1:]))
     run_folders.create(tmp_path / "run", collection, small_settings())
-    before = run_config.read_config(tmp_path / "run")[2]
+    before = run_config.read_config(tmp_path / "run").collection
     assert before.photos[0].mask.lens == lens and before.photos[1].mask is None
     bare = replace(collection, photos=(replace(first, mask=None), *collection.photos[1:]))
     again = with_same_masks(bare, before).photos[0]

@@ -37,14 +37,14 @@ def test_config_gives_back_settings_and_collection_exactly(tmp_path, collection)
 def test_a_config_that_was_saved_by_an_editor_of_windows_is_read(tmp_path, collection):
     run_folders.create(tmp_path / "run", collection, small_settings())
     config = tmp_path / "run" / "config.json"
-    before = run_config.read_config(tmp_path / "run")[0]
+    before = run_config.read_config(tmp_path / "run").identity
     config.write_bytes(codecs.BOM_UTF8 + config.read_bytes().replace(b"\n", b"\r\n"))
-    assert run_config.read_config(run_folders.find_run(tmp_path / "run"))[0] == before
+    assert run_config.read_config(run_folders.find_run(tmp_path / "run")).identity == before
 
 
 def test_a_run_goes_on_only_with_exactly_the_same_cameras(tmp_path, collection):
     run_folders.create(tmp_path / "run", collection, small_settings())
-    before = run_config.read_config(tmp_path / "run")[2]
+    before = run_config.read_config(tmp_path / "run").collection
     assert collection.changed_since(before) == []
     first = collection.photos[0]
     turned = first.camera.world_to_camera @ np.diag([-1.0, -1.0, 1.0])
@@ -66,9 +66,12 @@ def test_a_scene_that_was_moved_with_its_run_is_found(tmp_path, collection):
     moved = replace(collection, root=tmp_path / "project" / "scene")
     run_folders.create(tmp_path / "project" / "runs" / "a", moved, small_settings())
     (tmp_path / "project").rename(tmp_path / "elsewhere")
-    assert run_config.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == tmp_path / "elsewhere" / "scene"
+    assert (
+        run_config.read_config(tmp_path / "elsewhere" / "runs" / "a").collection.root
+        == tmp_path / "elsewhere" / "scene"
+    )
     (tmp_path / "elsewhere" / "scene").rmdir()  # gone: the place it had is named
-    assert run_config.read_config(tmp_path / "elsewhere" / "runs" / "a")[2].root == moved.root
+    assert run_config.read_config(tmp_path / "elsewhere" / "runs" / "a").collection.root == moved.root
 
 
 def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, collection):
@@ -90,7 +93,7 @@ def test_photos_and_masks_outside_the_scene_are_found_where_they_are(tmp_path, c
     )
 
     def files(run):
-        photos = run_config.read_config(run)[2].photos
+        photos = run_config.read_config(run).collection.photos
         return [(photo.path.resolve(), photo.mask.path.resolve()) for photo in photos]
 
     def expected(folder):
@@ -119,7 +122,9 @@ def test_photos_outside_a_scene_are_found_once_the_scene_alone_was_moved(tmp_pat
     facts = json.loads(config.read_text())
     facts["scene"]["path"] = str((tmp_path / "place").rename(tmp_path / "far" / "place"))  # as `scene_gone` says
     config.write_text(json.dumps(facts))
-    assert [photo.path for photo in run_config.read_config(tmp_path / "run")[2].photos] == [p.path for p in photos]
+    assert [photo.path for photo in run_config.read_config(tmp_path / "run").collection.photos] == [
+        p.path for p in photos
+    ]
 
 
 def test_a_folder_without_the_photos_is_not_the_scene_of_a_run_that_was_made_in_its_scene(tmp_path, collection):
@@ -131,16 +136,17 @@ def test_a_folder_without_the_photos_is_not_the_scene_of_a_run_that_was_made_in_
         photos[-1].path.touch()
     run_folders.create(scene / "runs" / "a", replace(collection, root=scene, photos=tuple(photos)), small_settings())
     now = scene.rename(tmp_path / "renamed")
-    assert run_config.read_config(now / "runs" / "a")[2].root == now
+    assert run_config.read_config(now / "runs" / "a").collection.root == now
     runs = (now / "runs").rename(tmp_path / "runs")  # the way to the scene, ../.., now leads to the folder above it
-    assert run_config.read_config(runs / "a")[2].root == scene
+    assert run_config.read_config(runs / "a").collection.root == scene
 
 
 def test_a_scene_on_another_drive_of_windows_has_no_way_from_its_run(tmp_path, collection, monkeypatch):
     monkeypatch.setattr(os.path, "relpath", failing(ValueError("path is on mount 'D:', start on mount 'C:'")))
     run_folders.create(tmp_path / "run", replace(collection, root=tmp_path / "scene"), small_settings())
     assert json.loads((tmp_path / "run" / "config.json").read_text())["scene"]["from_run"] is None
-    assert run_config.read_config(tmp_path / "run")[2].root == tmp_path / "scene"  # is gone, and the run itself is none
+    # It is gone, and the run itself is none.
+    assert run_config.read_config(tmp_path / "run").collection.root == tmp_path / "scene"
 
 
 def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
@@ -158,7 +164,7 @@ def test_the_identity_follows_what_decides_the_run(tmp_path, collection):
     ):
         mask.write_text(drawn)
         run_folders.create(tmp_path / str(number), scene, settings)
-        identities.add(run_config.read_config(tmp_path / str(number))[0])
+        identities.add(run_config.read_config(tmp_path / str(number)).identity)
     assert len(identities) == 4
 
 
@@ -216,7 +222,7 @@ def test_a_config_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypat
 
 def test_another_run_in_the_same_folder_is_noticed(tmp_path, collection):
     run_folders.create(tmp_path, collection, small_settings())
-    run_config.check_same_run(tmp_path, run_config.read_config(tmp_path)[0])
+    run_config.check_same_run(tmp_path, run_config.read_config(tmp_path).identity)
     with pytest.raises(BadInput, match="holds another run than before"):
         run_config.check_same_run(tmp_path, "other")
     (tmp_path / "config.json").unlink()

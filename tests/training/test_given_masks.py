@@ -116,7 +116,7 @@ def test_masks_belong_to_the_run_and_are_used_when_it_is_resumed(tmp_path, monke
     settings = small_settings(steps=STEPS, checkpoints=2)
     whole = pipeline.train(scene, settings, tmp_path / "whole", heard, masks=scene / "masks")
     assert f"4 photos with a mask from {scene / 'masks'}." in heard.lines
-    assert [photo.mask and photo.mask.path.name for photo in run_config.read_config(whole)[2].photos] == [
+    assert [photo.mask and photo.mask.path.name for photo in run_config.read_config(whole).collection.photos] == [
         photo.name if photo.split == "train" else None for photo in collection.photos
     ]
     with pytest.raises(KeyboardInterrupt):

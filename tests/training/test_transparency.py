@@ -154,7 +154,7 @@ def test_training_reports_empty_space_once_and_makes_no_sky(finished):
         sum(line.startswith("Transparent pixels are learned as empty space, without a sky") for line in heard.lines)
         == 1
     )
-    assert load_run(folder).sky_count == 0 and run_config.read_config(folder)[1].sky == "none"
+    assert load_run(folder).sky_count == 0 and run_config.read_config(folder).settings.sky == "none"
     assert "white_background=True" in (folder / "cfg_args").read_text()
 
 

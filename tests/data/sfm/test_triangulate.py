@@ -191,7 +191,7 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
     points, run_folder = now / "runs" / "photos-scene", now / "runs" / "photos"
     again = prepared(now / "photos", points, Report())
     assert again.read_from == points and not (now / "runs" / "photos-scene-2").exists()
-    for found in (again, run_config.read_config(run_folder)[2]):
+    for found in (again, run_config.read_config(run_folder).collection):
         assert found.read_from == points and found.changed_since(collection) == []
         assert all(photo.path.is_relative_to(now / "photos") and photo.path.is_file() for photo in found.photos)
     (now / "photos").rename(tmp_path / "other")  # alone
@@ -200,7 +200,7 @@ def test_scene_points_and_run_may_be_moved_together(corner, tmp_path):
         match="holds the points of .*project.photos, which is gone. Move it back, or write where it is now into .*triangulated.json, as its scene",
     ):
         load_collection(points)
-    trained = SimpleNamespace(collection=run_config.read_config(run_folder)[2], folder=run_folder)
+    trained = SimpleNamespace(collection=run_config.read_config(run_folder).collection, folder=run_folder)
     with pytest.raises(
         BadInput, match="cannot be read: the scene .*project.photos is gone. .*triangulated.json, as its scene"
     ):

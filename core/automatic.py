@@ -33,7 +33,7 @@ def budget(photos: int, pixels: int) -> dict[str, int]:
     return {name: max(least, wanted[name]) for name, least in LEAST.items()}
 
 
-def scale_rate(steps: int) -> float:
+def scale_rate_for(steps: int) -> float:
     """The learning rate of log scales in a run of so many steps."""
     least, most = SCALE_RATES
     return min(max(SCALE_TRAVEL / steps, least), most)

@@ -19,7 +19,7 @@ from core.automatic import (
     STEPS_PER_PHOTO_OF_MANY,
     WITH_LOOKS,
     WITHOUT_LOOKS,
-    scale_rate,
+    scale_rate_for,
 )
 from core.errors import BadSetting
 from core.setting import AUTO, UNDECIDED, checked, setting
@@ -264,17 +264,14 @@ class Settings:
         for name, item in FIELDS.items():
             object.__setattr__(self, name, checked(item, getattr(self, name)))
         if self.transparency == "empty" and self.sky == "dome":
-            raise BadSetting("transparency=empty with sky=dome: a dome leaves nothing empty.", "Leave one of them out.")
+            what = "transparency=empty with sky=dome: a dome leaves nothing empty."
+            raise BadSetting(what, "Leave one of them out.", ("transparency", "sky"))
         if self.densify_from > self.densify_until:
-            raise BadSetting(
-                f"densify_from={self.densify_from} is after densify_until={self.densify_until}.",
-                "Growth must start first.",
-            )
+            what = f"densify_from={self.densify_from} is after densify_until={self.densify_until}."
+            raise BadSetting(what, "Growth must start first.", ("densify_from", "densify_until"))
         if self.mask_start > self.mask_apply:
-            raise BadSetting(
-                f"mask_start={self.mask_start} is after mask_apply={self.mask_apply}.",
-                "A mask must learn before it hides.",
-            )
+            what = f"mask_start={self.mask_start} is after mask_apply={self.mask_apply}."
+            raise BadSetting(what, "A mask must learn before it hides.", ("mask_start", "mask_apply"))
 
     def changed(self, **values: Any) -> "Settings":
         """A copy with other values; unknown names and values out of range raise BadSetting."""
@@ -294,7 +291,7 @@ class Settings:
         follows = dict(WITH_LOOKS if settings.has_looks else WITHOUT_LOOKS)
         follows["densify_from"] = min(follows["densify_from"], settings.densify_until)
         if settings.steps != UNDECIDED:
-            follows["scale_rate"] = scale_rate(settings.steps)
+            follows["scale_rate"] = scale_rate_for(settings.steps)
         return settings.changed(**{name: follows[name] for name in settings.undecided if name in follows})
 
     @property
@@ -334,10 +331,8 @@ def no_setting(name: str) -> BadSetting:
     """The error for a name that no setting has."""
     begin_so = [known for known in FIELDS if name and known.startswith(name.lower())]
     near = difflib.get_close_matches(name.lower(), FIELDS, n=1) or begin_so
-    return BadSetting(
-        f"There is no setting {name!r}.",
-        f"Did you mean {', '.join(near)}?" if near else "`wegs train --help` lists them.",
-    )
+    fix = f"Did you mean {', '.join(near)}?" if near else "`wegs train --help` lists them."
+    return BadSetting(f"There is no setting {name!r}.", fix, (name,))
 
 
 DECIDABLE = (  # what may be left to the data

@@ -22,7 +22,11 @@ class BadInput(WegsError):
 
 
 class BadSetting(WegsError):
-    """A setting that does not exist, or a value outside its range."""
+    """A setting that does not exist, or a value outside its range. names: of the settings at fault, where known."""
+
+    def __init__(self, what: str, fix: str = "", names: tuple[str, ...] = ()):
+        super().__init__(what, fix)
+        self.names = names
 
 
 class TrainingStopped(WegsError):

@@ -48,5 +48,5 @@ PRESETS: dict[str, dict[str, Any]] = {
 def preset(name: str) -> Settings:
     """The settings of a preset, a key of PRESETS."""
     if name not in PRESETS:
-        raise BadSetting(f"There is no preset {name!r}.", f"Choose one of: {', '.join(PRESETS)}.")
+        raise BadSetting(f"There is no preset {name!r}.", f"Choose one of: {', '.join(PRESETS)}.", ("preset",))
     return Settings().changed(**PRESETS[name])

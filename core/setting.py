@@ -41,7 +41,7 @@ def accepted(item: Field) -> str:
 
 def wrong_kind(item: Field, text: str) -> BadSetting:
     """The error for a value of another type than the Settings field `item` has, written as `text`."""
-    return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", accepted(item))
+    return BadSetting(f"{item.name}={text} is not {KINDS[item.type]}.", accepted(item), (item.name,))
 
 
 def checked(item: Field, value: Any) -> Any:
@@ -64,4 +64,4 @@ def checked(item: Field, value: Any) -> Any:
         fault = "too large"
     else:
         return kind(value)
-    raise BadSetting(f"{item.name}={value!r} is {fault}.", accepted(item))
+    raise BadSetting(f"{item.name}={value!r} is {fault}.", accepted(item), (item.name,))

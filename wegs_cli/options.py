@@ -1,7 +1,6 @@
 """Options made from core.config: names, help, ranges, choices and defaults are written there and nowhere else."""
 
 import os
-import re
 import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import Field
@@ -143,7 +142,7 @@ def settings_from(
     try:
         return preset(str(chosen.pop("preset"))).changed(**chosen)
     except BadSetting as problem:
-        if any(re.search(rf"\b{re.escape(name)}\b", problem.what) for name in written.keys() - values.keys()):
+        if set(problem.names) & (written.keys() - values.keys()):
             raise BadSetting(f"{config}: {problem.what}", problem.fix) from None
         raise
 

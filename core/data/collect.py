@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from core.data.collection import CHECK_POSES, FAR, SHOWN, Collection, Photo, astray, looks_away
+from core.data.collection import ASTRAY_RATIO, CHECK_POSES, LEAST_SHOWN, Collection, Photo, astray, looks_away
 from core.data.given_masks import with_masks_by_name
 from core.data.photos.folder import copies_among
 from core.data.placing import Placing
@@ -55,7 +55,9 @@ def collect(root: Path, posed: Posed, all_photos: bool) -> Collection:
     )
     far = [photo.name for photo, is_far in zip(photos, astray(photos), strict=True) if is_far]
     notes += name_them(
-        f"whose camera stands over {FAR:.0f} times as far off as is usual, used all the same", far, harmless=True
+        f"whose camera stands over {ASTRAY_RATIO:.0f} times as far off as is usual, used all the same",
+        far,
+        harmless=True,
     )
     positions = frame.to_scene(points.positions)
     notes += _contradicted(photos, positions)
@@ -92,7 +94,7 @@ def _contradicted(photos: Sequence[Photo], points: np.ndarray) -> list[Note]:
     """A note if most cameras do not see the points (P, 3) that their photos are said to see."""
     away = sum(looks_away(photo, points) for photo in photos if len(photo.points))
     what = (
-        f"{away} of {counted(len(photos), 'camera')} see less than {SHOWN:.0%} of the points said to be "
+        f"{away} of {counted(len(photos), 'camera')} see less than {LEAST_SHOWN:.0%} of the points said to be "
         "theirs: expect a poor scene"
     )
     return [Note(f"{what}. {CHECK_POSES}")] if 2 * away > len(photos) else []

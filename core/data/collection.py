@@ -16,12 +16,12 @@ from core.words import Note, counted, list_names
 
 Item = TypeVar("Item")
 
-SHOWN = 0.5  # share of a photo's own points that its camera should see
-SAMPLE = 10_000  # points to look at where no file says which photo sees which: a million take 0.7 s a photo
+LEAST_SHOWN = 0.5  # share of a photo's own points that its camera should see
+POINTS_LOOKED_AT = 10_000  # points to look at where no file says which photo sees which: a million take 0.7 s a photo
 CHECK_POSES = (
     "Check that its poses are in the axes of its format, or have its cameras found anew: wegs sfm PHOTOS -o SCENE"
 )
-FAR = 100.0  # times the median camera's distance from the scene's centre
+ASTRAY_RATIO = 100.0  # times the median camera's distance from the scene's centre
 
 
 @dataclass(frozen=True)
@@ -154,14 +154,14 @@ def spread_over(items: Sequence[Item], count: int) -> Sequence[Item]:
 
 
 def looks_away(photo: Photo, points: np.ndarray) -> bool:
-    """Whether the camera sees less than SHOWN of the photo's own points, of all (P, 3);
+    """Whether the camera sees less than LEAST_SHOWN of the photo's own points, of all (P, 3);
     if it has none, whether it sees no point at all."""
     if len(photo.points):
-        return float(photo.camera.shows(points[photo.points])[0].mean()) < SHOWN
-    return not photo.camera.shows(points[:: max(1, len(points) // SAMPLE)])[0].any()
+        return float(photo.camera.shows(points[photo.points])[0].mean()) < LEAST_SHOWN
+    return not photo.camera.shows(points[:: max(1, len(points) // POINTS_LOOKED_AT)])[0].any()
 
 
-def astray(photos: Sequence[Photo], far: float = FAR) -> np.ndarray:
+def astray(photos: Sequence[Photo], far: float = ASTRAY_RATIO) -> np.ndarray:
     """(n,) bool: which cameras are more than `far` times as far from the scene's centre as the median camera.
 
     They are errors of structure from motion: what has to enclose the cameras, such as the sky, leaves them out.

@@ -22,18 +22,18 @@ def scene_beside(output: Path, scene: Path) -> Path:
 
 
 def made_once(
-    wanted: Path, mark: str, is_it: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report
+    wanted: Path, mark: str, is_wanted: Callable[[Path], bool], make: Callable[[Path], None], what: str, report: Report
 ) -> Path:
-    """The first of wanted, wanted-2, wanted-3, ... for which `is_it` holds;
+    """The first of wanted, wanted-2, wanted-3, ... for which `is_wanted` holds;
     if none does, the first that does not exist, made by `make`. If another training makes that one meanwhile, it is
-    taken if `is_it` holds, or else what is wanted is made again, under the next name.
+    taken if `is_wanted` holds, or else what is wanted is made again, under the next name.
 
     mark: the file by which such a folder is recognised; those that were made of something else are named to the user.
     what: words for the content, such as "Points as triangulated", to say that it is used again. Raises what `make`
     raises.
     """
     folder, number, others = wanted, 1, []
-    while os.path.lexists(folder) and not is_it(folder):
+    while os.path.lexists(folder) and not is_wanted(folder):
         if (folder / mark).is_file():
             others.append(str(folder))
         number += 1
@@ -51,7 +51,7 @@ def made_once(
         except MadeMeanwhile:
             if not (folder / mark).is_file():
                 raise
-            return made_once(wanted, mark, is_it, make, what, report)
+            return made_once(wanted, mark, is_wanted, make, what, report)
     report.say(f"{what} before in {folder}; remove it to have them found again.")
     return folder
 
@@ -95,7 +95,7 @@ def relative_path_to(target: Path, folder: Path) -> str | None:
         return None
 
 
-def followed(recorded: Path, way: str | None, folder: Path, files: Iterable[str]) -> Path:
+def moved_together(recorded: Path, way: str | None, folder: Path, files: Iterable[str]) -> Path:
     """The folder `recorded` or, if it is gone, the one that the relative path `way` leads to from `folder`:
     both may have been moved together.
 

@@ -58,7 +58,7 @@ class Placing:
             self.said.add(f"taken by a panorama camera ({lens.model_name}), not used", photo.name)
             return None
         pose = np.vstack([photo.rotation, photo.centre])
-        if not (distortion.usable(lens) and (np.abs(pose) < LARGEST_COORDINATE).all()):
+        if not (distortion.is_usable(lens) and (np.abs(pose) < LARGEST_COORDINATE).all()):
             self.said.add("with a camera or pose that is broken, not used", photo.name)
             return None
         return self._fit(photo, lens, header)

@@ -9,7 +9,7 @@ import numpy as np
 
 from core.config import Settings
 from core.data import find_kind, find_photos, load_collection
-from core.data.collection import CHECK_POSES, SHOWN, Collection, Photo, astray, looks_away
+from core.data.collection import CHECK_POSES, LEAST_SHOWN, Collection, Photo, astray, looks_away
 from core.data.formats.colmap import MODEL_FOLDERS
 from core.data.load import model_elsewhere, not_searched, passed_over, scene_around
 from core.data.photos.file import named_with_fault
@@ -108,7 +108,7 @@ def _cameras(collection: Collection) -> list[Finding]:
     far = [photo.name for photo, is_far in zip(photos, astray(photos, ODD_DISTANCE), strict=True) if is_far]
     away = [photo.name for photo in photos if len(collection.points) and looks_away(photo, collection.points)]
     looking = (
-        f"see less than {SHOWN:.0%} of the points said to be theirs, or, "
+        f"see less than {LEAST_SHOWN:.0%} of the points said to be theirs, or, "
         "where nothing says which these are, no point at all"
     )
     lengths = np.array([focal_length_of(camera) for camera in cameras.values()])

@@ -12,7 +12,7 @@ import numpy as np
 import core
 from core.config import Settings
 from core.data.collection import Collection, GivenMask, Photo
-from core.data.made import CONFIG, followed, path_from, read_mark, relative_path_to
+from core.data.made import CONFIG, moved_together, path_from, read_mark, relative_path_to
 from core.data.photos.distortion import is_sound
 from core.data.photos.names import is_file
 from core.data.sfm.kept_points import MARK, home_of
@@ -75,7 +75,7 @@ def read_config(folder: Path) -> RunConfig:
         if not facts["photos"]:
             raise ValueError("no photos")
         files = (MARK, *(photo["path"] for photo in facts["photos"]))  # of triangulated points, or of a scene
-        read_from = followed(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder, files)
+        read_from = moved_together(Path(facts["scene"]["path"]), facts["scene"].get("from_run"), folder, files)
         root = home_of(read_from)
         collection = Collection(
             name=facts["scene"]["name"],

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from core.appearance import refinement
-from core.automatic import scale_rate
+from core.automatic import scale_rate_for
 from core.bench import FIGURES, files, machine, small_scene, suite
 from core.bench.training import training_figure
 from core.errors import BadInput
@@ -227,7 +227,7 @@ def test_presets_end_in_time_and_differ_in_the_rest():
     for name in PRESETS:
         settings = suite._sized(name, suite.SMALL, 3, True)
         assert settings.steps <= 600 and settings.max_gaussians <= suite.SMALL.gaussians and settings.seed == 3
-        assert settings.decided(appearance="full").scale_rate == scale_rate(settings.steps)
+        assert settings.decided(appearance="full").scale_rate == scale_rate_for(settings.steps)
     assert suite._sized("vanilla", suite.SMALL, 0, True).appearance == "off"
     assert suite._sized("paper", suite.FULL, 0, True).steps == 3000
 

@@ -37,7 +37,7 @@ def colmap_camera(lens: Lens) -> pycolmap.Camera:
     return pycolmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
 
 
-def usable(camera: pycolmap.Camera) -> bool:
+def is_usable(camera: pycolmap.Camera) -> bool:
     """Whether the camera (not a panorama) has a positive size,
     and parameters up to LARGEST_PX with positive focal lengths."""
     if min(camera.width, camera.height) < 1 or not (np.abs(camera.params) < LARGEST_PX).all():  # so that NaN fails it
@@ -52,7 +52,7 @@ def is_sound(lens: Lens) -> bool:
     if not all(type(value) in (int, float) for value in lens.params):
         return False
     camera = colmap_camera(lens)
-    return camera.verify_params() and not camera.is_spherical() and usable(camera)
+    return camera.verify_params() and not camera.is_spherical() and is_usable(camera)
 
 
 def is_pinhole(camera: pycolmap.Camera) -> bool:
@@ -112,37 +112,38 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
     to_pixels = np.array([width / lens.width, height / lens.height])
     focal = np.array([camera.fx, camera.fy])
 
-    def followed(wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def project_into_lens(wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The rays (N, 3) of these pixels (N, 2), in the lens's axes,
         and at which of its own pixels (N, 2) the lens shows them."""
         directions = rays(wanted, camera.fx, camera.fy, camera.cx, camera.cy) @ turn  # = turn^-1 applied to each row
         return directions, model.img_from_cam(directions)
 
-    def off_px(directions: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    def reprojection_error_px(directions: np.ndarray, seen: np.ndarray) -> np.ndarray:
         """How far (px) the rays that the lens formula gives for the pixels
         `seen` are from the rays that led to these."""
         return np.linalg.norm((model.cam_from_img(seen) - directions[:, :2]) * focal, axis=1)
 
     x, y = np.meshgrid(np.linspace(0, camera.width, NODES), np.linspace(0, camera.height, NODES))
-    folds = not (off_px(*followed(np.stack([x.ravel(), y.ravel()], axis=1))) < NEGLIGIBLE_PX).all()  # True for NaN
+    errors_px = reprojection_error_px(*project_into_lens(np.stack([x.ravel(), y.ravel()], axis=1)))
+    lens_folds = not (errors_px < NEGLIGIBLE_PX).all()  # True for NaN
     picture = np.empty((camera.height, camera.width, pixels.shape[2]), np.uint8)
     valid = np.empty((camera.height, camera.width), bool)
     rows = max(1, BLOCK_PIXELS // camera.width)
-    how: dict[str, Any] = {"map2": None, "interpolation": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REPLICATE}
+    remap_options: dict[str, Any] = {"map2": None, "interpolation": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REPLICATE}
     for top in range(0, camera.height, rows):
         y, x = np.mgrid[top : min(top + rows, camera.height), : camera.width] + 0.5
-        directions, seen = followed(np.stack([x.ravel(), y.ravel()], axis=1))
+        directions, seen = project_into_lens(np.stack([x.ravel(), y.ravel()], axis=1))
         source = seen * to_pixels
         inside = ((source >= 0) & (source <= (width, height))).all(axis=1)
-        if folds:
-            inside &= off_px(directions, seen) < ROUND_TRIP_PX
+        if lens_folds:
+            inside &= reprojection_error_px(directions, seen) < ROUND_TRIP_PX
         # Far outside, remap's fixed-point coordinates would overflow.
         source = np.clip(np.nan_to_num(source - 0.5), -2, max(width, height) + 2).astype(np.float32)
         block = slice(top, top + x.shape[0])
         source = source.reshape(*x.shape, 2)
         # As many channels as OpenCV remaps at once.
         fours = (pixels[..., first : first + 4] for first in range(0, pixels.shape[2], 4))
-        picture[block] = np.dstack([cv2.remap(four, source, **how) for four in fours])
+        picture[block] = np.dstack([cv2.remap(four, source, **remap_options) for four in fours])
         valid[block] = inside.reshape(x.shape)
     return picture, valid
 

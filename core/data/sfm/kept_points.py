@@ -8,7 +8,7 @@ import pycolmap
 from core.data.collection import CHECK_POSES, Collection, Photo
 from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
-from core.data.made import followed, made_once, path_from, read_mark, relative_path_to, stamp
+from core.data.made import made_once, moved_together, path_from, read_mark, relative_path_to, stamp
 from core.data.posed import Points
 from core.data.sfm.room import write_model
 from core.data.sfm.silhouettes import points_in_silhouettes
@@ -98,7 +98,8 @@ def scene_of(folder: Path) -> tuple[Path, str] | None:
     facts = read_mark(folder / MARK)
     if not {"scene", "kind", "made_of"} <= facts.keys():
         return None
-    return followed(Path(str(facts["scene"])), facts.get("from_here"), folder, facts["made_of"]), str(facts["kind"])
+    scene = moved_together(Path(str(facts["scene"])), facts.get("from_here"), folder, facts["made_of"])
+    return scene, str(facts["kind"])
 
 
 def home_of(root: Path) -> Path:

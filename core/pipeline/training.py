@@ -68,10 +68,10 @@ def resume(folder: Path | None, report: Report = QUIET) -> Path:
     """Continue a stopped run (default: the newest) as if it had never stopped; a finished one is left as it is."""
     folder = run_folders.find_run(folder)
     with held(folder):
-        return _go_on(folder, report)
+        return _continue_run(folder, report)
 
 
-def _go_on(folder: Path, report: Report) -> Path:
+def _continue_run(folder: Path, report: Report) -> Path:
     _, settings, before = run_config.read_config(folder)
     path = checkpoint.newest(folder)
     done = checkpoint.read_facts(path)["step"] if path else 0
@@ -92,7 +92,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     _check_same_photos(folder, before, collection.changed_since(before) or run_config.changed_files(before))
     trainer = Trainer(collection, settings, folder, report)
     if path:
-        _resume(trainer, path, before)
+        _restore(trainer, path, before)
     # They may be incomplete, if it was stopped early, or lost.
     viewer_files.write(folder, collection, trainer.settings.transparent_is_empty)
     why = "" if path else ", with its own settings: it has no checkpoint yet"
@@ -101,7 +101,7 @@ def _go_on(folder: Path, report: Report) -> Path:
     return _train(trainer, report)
 
 
-def _resume(trainer: Trainer, path: Path, before: Collection) -> None:
+def _restore(trainer: Trainer, path: Path, before: Collection) -> None:
     """Bring the trainer to the state in the checkpoint `path`.
     In a function of its own, so that the checkpoint does not stay in memory."""
     saved = checkpoint.load(path)

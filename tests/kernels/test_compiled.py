@@ -13,7 +13,7 @@ from numba.core.caching import FunctionCache
 from numba.core.errors import TypingError
 
 import core
-from core.appearance.transfer_kernels import evaluate
+from core.appearance.transfer_kernels import mlp_forward
 from core.errors import DiskFull
 from core.kernels.compiled import compiling_told, exact_kernel, exact_part
 from core.kernels.made_of import made_of
@@ -143,7 +143,7 @@ def test_a_kernel_is_kept_until_anything_changes_that_it_is_made_of(tmp_path):
     assert [result_and_hits(), result_and_hits()] == [["15.0", "0"], ["20.0", "0"]]
 
 
-@pytest.mark.parametrize("kernel, also", [(blend_forward, "blend.py"), (evaluate, "matrix_product.py")])
+@pytest.mark.parametrize("kernel, also", [(blend_forward, "blend.py"), (mlp_forward, "matrix_product.py")])
 def test_intrinsics_and_what_they_call_are_part_of_a_kernel(monkeypatch, kernel, also):
     files = set()
     monkeypatch.setattr("core.kernels.made_of.content", lambda file: files.add(Path(file).name) or b"")

@@ -1,5 +1,7 @@
 """The backends made of kernels as citizens of torch: autograd, memory layouts, refusals."""
 
+import sys
+
 import pytest
 import torch
 
@@ -70,7 +72,7 @@ def test_other_dtypes_and_devices_are_refused_by_name(rasterizer, scene, name):
 
 def test_lists_beyond_the_memory_budget_are_refused(rasterizer, scene, monkeypatch):
     splats, view = scene
-    monkeypatch.setattr(f"{type(rasterizer).__module__}.BYTES_PER_PAIR", 1 << 40)
+    monkeypatch.setattr(sys.modules[type(rasterizer).__module__], "BYTES_PER_PAIR", 1 << 40)
     covered = rf"{len(splats)} Gaussians cover \d+ tiles of the {view.width}x{view.height} picture"
     with pytest.raises(BadInput, match=f"{covered}.*--max-gaussians"):
         rasterizer.render(splats, view)

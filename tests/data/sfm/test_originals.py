@@ -44,7 +44,7 @@ def test_damaged_lenses_are_left_out(tmp_path):
     lenses = {
         "a.jpg": sound | {"note": "hi"},
         "b.jpg": sound | {"model": "TELESCOPE"},
-        "c.jpg": sound | {"params": ["x"]},
+        "c.jpg": sound | {"params": [150.0]},
     }
     write_json(tmp_path / MADE_OF, {})
     write_json(tmp_path / LENSES, lenses | {"d.jpg": 7, "e.jpg": {"model": "PINHOLE"}})

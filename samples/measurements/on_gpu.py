@@ -118,7 +118,8 @@ def trainer_at(place: Place, gaussians: int, settings: Settings) -> Trainer:
     for index in range(len(trainer.photos)):
         trainer.photos.target(index, 1)  # a run makes each once
     for _ in range(WARM_UP):
-        trainer.step()
+        if told := trainer.step().messages:  # that steps cannot be recorded, for example
+            raise RuntimeError(f"These are not the steps of a run: {' '.join(told)}")
     return trainer
 
 

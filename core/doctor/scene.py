@@ -86,9 +86,7 @@ def odd_focal_lengths(photos: Sequence[Photo]) -> Finding:
             "Unless they are what they seem, expect a poor scene: "
             "add photos from in between and find the cameras again."
         )
-    return _named(
-        "odd focal lengths", odd, len(photos), f"outside {low:.2g} to {high:.2g}: SfM gave up on them", advice
-    )
+    return _named("odd focal lengths", odd, len(photos), f"outside {low:.2g} to {high:.2g}: no lens has them", advice)
 
 
 def _named(name: str, photos: list[str], total: int, meaning: str, advice: str) -> Finding:

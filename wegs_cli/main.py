@@ -73,20 +73,7 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, WegsError):
         return str(problem), 1
     if isinstance(problem, click.ClickException):
-        context = getattr(problem, "ctx", None)
-        advice = f" Try: {context.command_path} --help" if context else ""
-        if isinstance(problem, click.NoSuchOption) and problem.option_name == "--memory":
-            advice = " It goes before the command: wegs --memory GIB train ..."
-        # click's names of types.
-        message = problem.format_message().replace("float range", "number").replace("integer range", "whole number")
-        if (
-            message.startswith("Got unexpected extra argument")
-            and context
-            and any("--run" in each.opts for each in context.command.params)
-        ):
-            advice = f" A run is named by --run.{advice}"
-        stop = "" if message.endswith((".", "?")) else "."
-        return " ".join(message.split()) + stop + advice, problem.exit_code
+        return _explain_command_line(problem), problem.exit_code
     if isinstance(problem, (click.Abort, KeyboardInterrupt)):
         # click turns every Ctrl-C into an Abort, whose cause is the KeyboardInterrupt that says what was kept.
         first = problem.__cause__ or problem
@@ -107,6 +94,21 @@ def explain(problem: BaseException) -> tuple[str, int] | None:
     if isinstance(problem, RuntimeError) and str(problem).startswith("Symlink loop"):
         return f"{problem}. Choose another path.", 1
     return None
+
+
+def _explain_command_line(problem: click.ClickException) -> str:
+    """What click says of a command line, in one line, and what to type."""
+    context = getattr(problem, "ctx", None)
+    advice = f" Try: {context.command_path} --help" if context else ""
+    if isinstance(problem, click.NoSuchOption) and problem.option_name == "--memory":
+        advice = " It goes before the command: wegs --memory GIB train ..."
+    # click's names of types.
+    message = problem.format_message().replace("float range", "number").replace("integer range", "whole number")
+    takes_run = context and any("--run" in each.opts for each in context.command.params)
+    if takes_run and message.startswith("Got unexpected extra argument"):
+        advice = f" A run is named by --run.{advice}"
+    stop = "" if message.endswith((".", "?")) else "."
+    return " ".join(message.split()) + stop + advice
 
 
 def foreign_core() -> str | None:

@@ -1,5 +1,6 @@
 """Which figures are drawn, of what, and where they go: what `wegs bench` and `wegs eval --curve` do."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,6 +75,26 @@ def bench(
     They are of the run in `run_folder` or, without one, of all presets, which are trained now on `scene` or on the
     built-in scene. force: replace figures that are there, or remove them where nothing can be drawn in their place.
     """
+    _check_asked(scene, run_folder, names)
+    names = tuple(name for name in FIGURES if name in names)  # one may be given twice
+    replaced = (*names, OF_RUN) if "rendering" in names else names
+    files.check_free(output, replaced, force)
+    trained = None if run_folder is None else open_run(run_folder, report)  # fails now, not after minutes
+    collection = None if scene is None else prepared(scene, scene_beside(output, scene), report)
+    names = _measurable(names, trained, collection, report)
+    figures = []
+    with made_for_user(output), scratch("bench") as work:  # made now, not after minutes
+        for figure in _figures(names, trained, collection, FULL if full else SMALL, work, report):
+            figures.append(figure)
+            _keep(figure, output, report)
+    if not figures:
+        raise BadInput("There was nothing to measure.", "Take another --only, or a run with looks.")
+    _remove_older(output, replaced, figures, report)
+    return figures
+
+
+def _check_asked(scene: Path | None, run_folder: Path | None, names: tuple[str, ...]) -> None:
+    """Raise BadInput for what excludes each other."""
     if scene is not None and run_folder is not None:
         raise BadInput(
             "A scene and a run were given.", "Give one: the scene is trained on, the run is measured as it is."
@@ -83,45 +104,38 @@ def bench(
             "Without --run, rendering is measured on the built-in scene alone.",
             "Leave SCENE out, or give a run with --run.",
         )
-    names = tuple(name for name in FIGURES if name in names)  # one may be given twice
-    replaced = (*names, OF_RUN) if "rendering" in names else names
-    files.check_free(output, replaced, force)
-    size = FULL if full else SMALL
-    trained = None if run_folder is None else open_run(run_folder, report)  # fails now, not after minutes
-    collection = None
-    if scene is not None:
-        collection = prepared(scene, scene_beside(output, scene), report)
-    names = _measurable(names, trained, collection, report)
-    figures = []
 
-    def finish(figure: Figure) -> None:
-        figures.append(figure)
-        _keep(figure, output, report)
 
-    with made_for_user(output), scratch("bench") as work:  # made now, not after minutes
-        if "rendering" in names:
-            finish(_fixed_rendering(size, report))
-            if trained is not None:
-                finish(_rendering_of(trained, size, report))
-        if trained is None:
-            courses, title, notes = _train_presets(collection, names, size, work, report)
-            trained = load_run(courses[0].folders[0]) if courses else None
-        else:
-            courses = _courses_of([trained.folder])
-            title, notes = f"Training {courses[0].name}", ELSEWHERE
-        if trained is not None:  # else nothing but rendering is wanted
-            if "baking" in names:
-                finish(baking_figure(trained, size.views, report, size.budget))
-            if "training" in names:
-                finish(training_figure(courses, title, notes))
-            if "refinement" in names:
-                figure = _refinement({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report)
-                if figure is not None:
-                    finish(figure)
-    if not figures:
-        raise BadInput("There was nothing to measure.", "Take another --only, or a run with looks.")
-    _remove_older(output, replaced, figures, report)
-    return figures
+def _figures(
+    names: tuple[str, ...],
+    trained: TrainedRun | None,
+    collection: Collection | None,
+    size: Size,
+    work: Path,
+    report: Report,
+) -> Iterator[Figure]:
+    """The figures `names`, each as soon as it is measured: of a run or, for None, of what is trained on the collection
+    (None: the built-in one) in the folder `work`."""
+    if "rendering" in names:
+        yield _fixed_rendering(size, report)
+        if trained is not None:
+            yield _rendering_of(trained, size, report)
+    if trained is None:
+        courses, title, notes = _train_presets(collection, names, size, work, report)
+        if not courses:
+            return
+        trained = load_run(courses[0].folders[0])
+    else:
+        courses = _courses_of([trained.folder])
+        title, notes = f"Training {courses[0].name}", ELSEWHERE
+    if "baking" in names:
+        yield baking_figure(trained, size.views, report, size.budget)
+    if "training" in names:
+        yield training_figure(courses, title, notes)
+    if "refinement" in names:
+        figure = _refinement({courses[0].name: trained}, tuple(PROTOCOLS), size.photos, report)
+        if figure is not None:
+            yield figure
 
 
 def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, report: Report) -> list[Figure]:

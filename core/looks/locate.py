@@ -7,6 +7,7 @@ camera, which sees a picture more similar yet, and so on, until no more of the m
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -42,6 +43,7 @@ ROUNDS = 20  # of iteration from one start, at most
 # So many rounds in turn may multiply the inliers by less than GAIN. Where the focal length is unknown, their number
 # may fall on the way: for plaza's 0040.jpg from 427 to 423, then it rises to 762, beyond the 543 of one column aside.
 GAIN, PATIENCE = 1.02, 2
+WIDER = 0.75  # the focal length of a camera that is tried beside one that may be too near or too far off
 REACH, LEAST_ALIKE = 4, 0.5  # of a place in the next picture: points of the grid; the cosine of its features
 PLACE = 0.7  # a pixel of which the place makes up less is sky
 # Held-out photos of plaza and of the Statue of Liberty end with 383 to 1,704 inliers, 62 to 100% of all matches; photos
@@ -113,8 +115,10 @@ def locate(trained: TrainedRun, look: Look, path: Path, mask: Path | None, repor
                 best = end
             if best and _is_reliable(best, SURE):
                 break
-    if best is None or not _is_reliable(best, LEAST_SHARE):
-        return None
+        if best is None or not _is_reliable(best, LEAST_SHARE):
+            return None
+        if not _is_reliable(best, SURE):
+            best = _with_other_focal_lengths(trained, baked, fine, best)
     return best._replace(camera=best.camera.resized(*size))
 
 
@@ -164,6 +168,32 @@ def _iterate(trained: TrainedRun, baked: Splats, query: Query, camera: Camera) -
             break
         camera = found.camera
     return best
+
+
+def _with_other_focal_lengths(trained: TrainedRun, baked: Splats, query: Query, best: Located) -> Located:
+    """`best`, or what iterating finds from cameras with other focal lengths that see the place as large, if that is
+    better.
+
+    What is as deep everywhere looks the same from nearer by through a wider lens, so iterating by itself changes the
+    focal length only slowly.
+    """
+    for factor in (WIDER, 1 / WIDER):
+        while True:
+            found = _iterate(trained, baked, query, _dollied(trained, baked, best.camera, factor))
+            if found is None or found.inliers < GAIN * best.inliers:
+                break
+            best = found
+    return best
+
+
+def _dollied(trained: TrainedRun, baked: Splats, camera: Camera, factor: float) -> Camera:
+    """The camera with its focal length times `factor`, moved along its axis so that what it sees in its median depth
+    stays as large."""
+    reference = _render_reference(trained, baked, camera)
+    axis = camera.world_to_camera[2]
+    depth = float(np.median((reference.points - camera.centre)[reference.is_place] @ axis))
+    centre = camera.centre + axis * depth * (1 - factor)
+    return replace(camera, fx=factor * camera.fx, fy=factor * camera.fy, centre=centre)
 
 
 def _query_at(photo: Photo, lens: pycolmap.Camera, long_side_px: int) -> Query:

@@ -14,10 +14,9 @@ import torch
 from core.appearance.colouring import Colouring
 from core.appearance.refinement import LATER_STEPS, STEPS, RefinementTarget, refinement
 from core.data import load_collection
-from core.data.sfm.pose import pinhole_of
 from core.looks import refined_look, saved_look
 from core.looks.find_look import find_look
-from core.looks.locate import FINE_PX, Located, _iterate, _query_at, locate
+from core.looks.locate import locate
 from core.looks.trained import TrainedRun, bake, blend, drawn
 from core.report import Report
 from core.scene.cells import cell_sums
@@ -250,37 +249,6 @@ def test_a_photo_is_located_without_the_scene_and_its_points(trained, tmp_path, 
     gone = replace(trained.collection, root=tmp_path / "gone", points_from=None, points=trained.collection.points[:0])
     looks = [find_look(replace(trained, collection=each), str(outside)) for each in (trained.collection, gone)]
     assert alike(looks[0].colouring, looks[1].colouring) and "refined from where it was taken" in looks[1].source
-
-
-@pytest.mark.parametrize(
-    ("inliers", "matches", "is_found"), [(120, 237, False), (100, 107, True), (400, 740, True), (60, 60, False)]
-)
-def test_the_smaller_the_share_that_agrees_the_more_must_agree(trained, monkeypatch, inliers, matches, is_found):
-    """120 of 237 agree by chance where a photo is too blurred to show anything; 100 of 107 where one is tiny."""
-    photo = trained.collection.photo("0.png")
-    end = Located(photo.camera, inliers, matches)
-    monkeypatch.setattr("core.looks.locate._iterate", lambda *_: end)
-    found = locate(trained, find_look(trained, "0.png", refine=False), photo.path, None, Report())
-    assert (found is not None) == is_found
-
-
-@pytest.mark.parametrize(
-    ("inliers", "best", "rounds"),
-    [((427, 423, 491, 490, 489, 900), 491, 5), ((50, 51, 51, 51), 51, 4), ((50, None, 90), 50, 2), ((None,), None, 1)],
-)
-def test_iterating_ends_after_two_rounds_in_vain(trained, monkeypatch, inliers, best, rounds):
-    """Inliers may fall by chance on the way to the camera."""
-    photo, asked = trained.collection.photo("0.png"), []
-    query = _query_at(photo, pinhole_of(photo.path, WIDTH, HEIGHT), FINE_PX)
-
-    def solve(*given):
-        asked.append(given)
-        found = inliers[len(asked) - 1]
-        return None if found is None else Located(photo.camera, found, 1000)
-
-    monkeypatch.setattr("core.looks.locate._solve_pose", solve)
-    end = _iterate(trained, trained.splats, query, photo.camera)
-    assert (end and end.inliers) == best and len(asked) == rounds
 
 
 def test_a_large_photo_is_drawn_no_larger_than_those_of_the_run(trained, tmp_path, monkeypatch):

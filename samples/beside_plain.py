@@ -17,7 +17,6 @@ from samples.measurements.begin import begin
 begin()
 
 import click
-import cv2
 import numpy as np
 import torch
 from jaxtyping import UInt8
@@ -32,16 +31,16 @@ from core.export.pictures import tile, to_8_bit
 from core.looks.held_out_views import held_out_view
 from core.looks.trained import TrainedRun, bake, drawn, neutral_look
 from core.pipeline.opened import open_run
-from core.system.atomic import write_bytes
+from core.scene.splats import Splats
 from core.system.outputs import check_replaceable
 from samples.measurements import arguments
+from samples.measurements.jpeg import write_jpeg
 from samples.measurements.opened import opened
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
 TITLES = "held-out photo", "plain 3DGS", "wegs: look read from the photo", "wegs: refined"
 PHOTOS = 3  # without --photo, evenly spread
-QUALITY = 88  # of JPEG
 
 Row = tuple[str, list[UInt8[np.ndarray, "h w 3"]]]
 
@@ -60,27 +59,25 @@ def main(run_folder: Path, plain_folder: Path, names: tuple[str, ...], output: P
     if plain.has_looks:
         raise BadInput(f"{plain_folder} has looks, which plain 3DGS has not.", "Train it with --preset vanilla.")
     photos = [trained.collection.photo(name) for name in names] or spread_over(held_out, PHOTOS)
-    rows = []
+    rows, baked = [], bake(plain, neutral_look(plain))
     with Terminal() as terminal:
         for done, photo in enumerate(photos, 1):
-            rows.append(row(trained, plain, photo))
+            rows.append(row(trained, plain, baked, photo))
             terminal.say(rows[-1][0])
             terminal.progress("Photos", done, len(photos))
-    pixels = labelled_sheet(TITLES, rows)
-    write_bytes(output, cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
-    click.echo(f"{output}: {pixels.shape[1]}x{pixels.shape[0]} px")
+        write_jpeg(output, labelled_sheet(TITLES, rows), terminal)
 
 
 @torch.no_grad()
-def row(trained: TrainedRun, plain: TrainedRun, photo: Photo) -> Row:
-    """The figures of a photo in words, and its pictures."""
+def row(trained: TrainedRun, plain: TrainedRun, baked: Splats, photo: Photo) -> Row:
+    """The figures of a photo in words, and its pictures. baked: the Gaussians of `plain`."""
     view = held_out_view(trained, photo)
     fit = fit_of(trained, view, "full")
     with torch.enable_grad():
         looks = Colouring(fit.start), refined(trained, fit)
     seen = trained.seen_by(view.camera)
     camera = plain.camera(plain.collection.photo(photo.name)).resized(view.camera.width, view.camera.height)
-    renders = [drawn(plain, bake(plain, neutral_look(plain)), camera), *(seen.render(look) for look in looks)]
+    renders = [drawn(plain, baked, camera), *(seen.render(look) for look in looks)]
     truth, valid = (view.picture, view.valid) if view.truth.clean is None else (view.truth.clean, None)
     figures = [f"{psnr(quantised(render), quantised(truth), valid):.1f} dB" for render in renders]
     words = f"{photo.name}  plain {figures[0]}, zero-shot {figures[1]}, refined {figures[2]}"

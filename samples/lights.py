@@ -45,10 +45,10 @@ from core.pipeline.opened import open_run
 from core.report import Report
 from core.scene.camera import Camera
 from core.scene.splats import Splats
-from core.system.atomic import write_bytes
 from core.system.outputs import check_replaceable
 from core.words import counted
 from samples.measurements import arguments
+from samples.measurements.jpeg import write_jpeg
 from wegs_cli.main import OneLineErrors
 from wegs_cli.terminal import Terminal
 
@@ -64,7 +64,6 @@ TILE_PX, LARGE_PX = 180, 240  # height of each picture of the sheet, and of ligh
 # Height of a photo within the picture of its look, as a share of that, and the width of its white frame.
 INSET, FRAME_PX = 0.3, 2
 FRAMES = 6  # of the strip
-QUALITY = 88  # of JPEG
 
 
 @click.command(cls=OneLineErrors)
@@ -123,7 +122,7 @@ def main(
         appearances = dict.fromkeys(("neutral", *styles, *(() if lights is None else PLAZA_LOOKS)))
         looks = {name: find_look(trained, name, report=terminal) for name in appearances}  # each takes seconds
         if lights is not None:
-            write_jpeg(
+            write_rows(
                 lights,
                 grid_of({word: looks[word] for word in PLAZA_LOOKS}, trained, trained.collection.photo(PLAZA_VIEWS[0])),
                 terminal,
@@ -136,7 +135,7 @@ def main(
             rows = grid_of(in_styles, trained, seen_from[0])
         else:
             rows = sheet(trained, neutral, in_styles, seen_from[0])
-        write_jpeg(output, rows, terminal)
+        write_rows(output, rows, terminal)
         for style, look in in_styles.items():
             if line := nearness(trained, style, look):
                 terminal.say(line)
@@ -195,14 +194,12 @@ def with_inset(picture: np.ndarray, photo: np.ndarray) -> np.ndarray:
     return shown
 
 
-def write_jpeg(path: Path, rows: list[list[np.ndarray]], report: Report) -> None:
-    """Write the rows one below the other; shorter ones are padded with white."""
+def write_rows(path: Path, rows: list[list[np.ndarray]], report: Report) -> None:
+    """Write the rows one below the other as a JPEG; shorter ones are padded with white."""
     width = max(sum(picture.shape[1] for picture in row) for row in rows)
     lines = [np.concatenate(row, axis=1) for row in rows]
     canvas = [np.pad(line, ((0, 0), (0, width - line.shape[1]), (0, 0)), constant_values=255) for line in lines]
-    pixels = np.concatenate(canvas)
-    write_bytes(path, cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
-    report.say(f"{path}: {pixels.shape[1]}x{pixels.shape[0]} px")
+    write_jpeg(path, np.concatenate(canvas), report)
 
 
 def truths(trained: TrainedRun, style: str) -> dict[str, Path]:

@@ -190,9 +190,8 @@ def _dollied(trained: TrainedRun, baked: Splats, camera: Camera, factor: float) 
     """The camera with its focal length times `factor`, moved along its axis so that what it sees in its median depth
     stays as large."""
     reference = _render_reference(trained, baked, camera)
-    axis = camera.world_to_camera[2]
-    depth = float(np.median((reference.points - camera.centre)[reference.is_place] @ axis))
-    centre = camera.centre + axis * depth * (1 - factor)
+    _, depths = camera.project(reference.points[reference.is_place])
+    centre = camera.centre + (1 - factor) * np.median(depths) * camera.world_to_camera[2]
     return replace(camera, fx=factor * camera.fx, fy=factor * camera.fy, centre=centre)
 
 

@@ -12,12 +12,6 @@ from core.looks.locate import FINE_PX, WIDER, Located, _iterate, _query_at, _wit
 from core.looks.trained import bake, neutral_look
 from core.report import Report
 from tests.data.room_corner import HEIGHT, WIDTH
-from tests.looks.lit_corner import lit_corner
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    return lit_corner(tmp_path_factory.mktemp("corner"), steps=300)
 
 
 @pytest.mark.parametrize(

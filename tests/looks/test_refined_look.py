@@ -22,15 +22,8 @@ from core.report import Report
 from core.scene.cells import cell_sums
 from tests.data.room_corner import HEIGHT, WIDTH
 from tests.heard import Heard
-from tests.looks.lit_corner import lit_corner
 
 ORANGE, BLUE = (20, 120, 240), (230, 60, 20)  # B, G, R
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory) -> TrainedRun:
-    """The room corner; photo 0 is held out."""
-    return lit_corner(tmp_path_factory.mktemp("corner"), steps=300)
 
 
 def off(trained: TrainedRun, look, name: str = "0.png") -> float:

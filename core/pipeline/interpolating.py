@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from core.data.collection import spread_over
 from core.data.made import FADE, is_of_wegs
 from core.data.photos.folder import SUFFIXES
@@ -38,7 +40,7 @@ def interpolate(
     """Fade from one look to another in `steps` frames (2 or more); returns their folder.
 
     The first and the last frame show the two looks themselves, bit for bit. views: one photo whose camera is used, or
-    two between whose cameras it moves, see `Camera.toward`; none: as `find_view`. ply: write each look as a .ply, too.
+    two between whose cameras it moves, about what both show; none: as `find_view`. ply: write each look as a .ply, too.
     refine: as in `bake_to_file`. Raises BadSetting for fewer steps, more views and an output with the suffix of a file,
     BadInput for a run, look, view or output that cannot be used; DiskFull.
     """
@@ -114,15 +116,24 @@ def _write_frames(
     as files; returns the pictures."""
     pruner = pruner_of(trained, report) if ply else None
     told, digits = _OnceEach(report), max(3, len(str(steps - 1)))
+    begin, end = cameras[0], cameras[-1]
+    pivot = _shown_by_both(trained, begin, end)
     frames = [folder / f"frame_{step:0{digits}d}.png" for step in range(steps)]
     for step, frame in enumerate(frames):
         share = step / (steps - 1)
         look = blend(*ends, share)
         if ply:
             write_look(trained, look, folder / f"step_{step:0{digits}d}.ply", told, pruner)
-        write_png(frame, to_8_bit(drawn(trained, bake(trained, look), cameras[0].toward(cameras[-1], share))))
+        write_png(frame, to_8_bit(drawn(trained, bake(trained, look), begin.toward(end, share, pivot))))
         report.progress("Frames", step + 1, steps)
     return KeptPictures(frames)
+
+
+def _shown_by_both(trained: TrainedRun, first: Camera, second: Camera) -> np.ndarray | None:
+    """The middle (3,) of the place that both cameras show; None if they show none of it."""
+    place = trained.splats.means[: trained.solid_count].cpu().double().numpy()
+    shown = first.shows(place)[0] & second.shows(place)[0]
+    return np.median(place[shown], axis=0) if shown.any() else None
 
 
 class _OnceEach(Report):

@@ -1,5 +1,6 @@
 """The frames between two looks: their ends are those looks, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -57,6 +58,16 @@ def test_the_camera_moves_from_one_view_to_the_other(trained, tmp_path):
         pipeline.interpolate(
             folder, "neutral", "neutral", 3, tmp_path / "none", views=("photo_0", "photo_1", "photo_2")
         )
+
+
+def test_a_camera_that_moves_keeps_what_both_views_show_in_the_picture(trained):
+    run = load_run(trained[0])
+    first, second = (run.camera(run.collection.photo(name)) for name in ("photo_0", "photo_2"))
+    pivot = interpolating._shown_by_both(run, first, second)
+    for share in np.linspace(0, 1, 5):
+        assert first.toward(second, share, pivot).shows(pivot[None])[0].all()
+    away = replace(second, world_to_camera=np.diag([-1.0, 1.0, -1.0]) @ second.world_to_camera)
+    assert interpolating._shown_by_both(run, first, away) is None  # so the camera moves straight
 
 
 def test_a_look_that_is_both_ends_is_refined_once(trained, tmp_path, monkeypatch, few_steps):

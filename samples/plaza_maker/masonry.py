@@ -216,16 +216,11 @@ def relief(point, normal, footprint, params):
     return Surface(np.where(face, albedo, LIMESTONE[:, None] * (0.75 + 0.5 * grain)).astype(np.float32), tilt)
 
 
-@cache
-def _letters(lines: tuple, shape: tuple, scale: float, thickness: int) -> np.ndarray:
-    return engraved(list(lines), shape[1], shape[0], scale, thickness)
-
-
 def inscription(point, normal, footprint, params):
     """Stone with text cut into its front: `lines`, over `area` = (x, z, width, height) in local metres."""
     surface = marble(point, normal, footprint, params)
     x, z, width, height = params["area"]
-    picture = _letters(params["lines"], params["shape"], params["scale"], params["thickness"])
+    picture = engraved(params["lines"], params["shape"], params["scale"], params["thickness"])
     u, v = (point[0] - x) / width, (point[2] - z) / height
     inside = (normal[1] < -0.5) & (u > 0) & (u < 1) & (v > 0) & (v < 1)
     cut = np.where(inside, sample(picture, u, v), 0)

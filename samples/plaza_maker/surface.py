@@ -1,6 +1,7 @@
 """What a material says about a point of a surface, and how its texture coordinates lie."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -53,9 +54,11 @@ def sample(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return read.reshape(-1)[: u.size]
 
 
-def engraved(lines: list[str], width: int, height: int, scale: float, thickness: int = 2) -> np.ndarray:
-    """Text as a (height, width) picture in [0, 1], one line under the other, centred."""
-    picture = np.zeros((height, width), np.uint8)
+@cache
+def engraved(lines: tuple[str, ...], shape: tuple[int, int], scale: float, thickness: int) -> np.ndarray:
+    """Text as a picture in [0, 1], one line under the other, centred. shape: (height, width), px."""
+    height, width = shape
+    picture = np.zeros(shape, np.uint8)
     for number, line in enumerate(lines):
         (wide, tall), _ = cv2.getTextSize(line, cv2.FONT_HERSHEY_TRIPLEX, scale, thickness)
         baseline = int(height * (number + 0.5) / len(lines) + tall / 2)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from samples.plaza_maker.cameras import View, draw_view, look_at
+from samples.plaza_maker.church import church
 from samples.plaza_maker.crowd import SHRINK, populate
 from samples.plaza_maker.looks import KINDS, WEATHER_EXPOSURE, Look, draw_look
 from samples.plaza_maker.rays import Group, World, cast
@@ -30,15 +31,15 @@ class Shot:
         return populate(np.random.default_rng(self.seed), World(static_groups()), self.view, self.share)
 
 
-def _worth_taking(view: View, church: int, obstacles: int) -> bool:
+def _worth_taking(view: View, of_church: int, ground: int) -> bool:
     """Whether the church fills enough of the view and nothing stands in front of the lens.
 
-    church: the solids numbered below it are the landmark's, those from `church` to `obstacles` stand about the square.
+    The solids numbered below of_church are the church's, those from there to `ground` stand about the square.
     """
     small = view.shrunk(SHRINK)
     hits = cast(World(static_groups()), small.centre.astype(np.float32), small.rays())
-    landmark = (hits.number >= 0) & (hits.number < church)
-    blocking = (hits.number >= church) & (hits.number < obstacles) & (hits.distance < 10)
+    landmark = (hits.number >= 0) & (hits.number < of_church)
+    blocking = (hits.number >= of_church) & (hits.number < ground) & (hits.distance < 10)
     if landmark.mean() < 0.25 or blocking.mean() > 0.07:
         return False
     return np.quantile(hits.distance, 0.005) > 1.0 and np.quantile(hits.distance[landmark], 0.05) > 8.0
@@ -63,11 +64,8 @@ def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
     """All shots of the collection by ascending name, and the names of the test photos.
     times: how often there are COUNTS of each light."""
     rng = np.random.default_rng(SEED)
-    groups = static_groups()
-    sizes = np.cumsum([len(one.solids) for one in groups])
-    # The loggia is the church's last group.
-    church = int(next(size for size, one in zip(sizes, groups) if one.centre[0] < -15))
-    obstacles = int(sizes[-1] - 1)
+    # Of all that stays, the church comes first and the ground last.
+    of_church, ground = len(World(tuple(church())).solids), len(World(static_groups()).solids) - 1
     kinds = [kind for kind, count in COUNTS.items() for _ in range(times * count)]
     count = len(kinds)
     azimuths = (np.arange(count) + 0.5) / count * 2 - 1
@@ -76,7 +74,7 @@ def plan(times: int = 1) -> tuple[list[Shot], set[str]]:
     for number, (kind, azimuth) in enumerate(zip(rng.permutation(kinds), rng.permutation(azimuths)), start=1):
         view = draw_view(rng, azimuth)
         looks_up = rng.random() < 0.12  # a few show roofs and sky only
-        while not (_worth_taking(view, church, obstacles) and (looks_up or view.dip > np.radians(4))):
+        while not (_worth_taking(view, of_church, ground) and (looks_up or view.dip > np.radians(4))):
             view = draw_view(rng, azimuth)
         share = 0.0 if rng.random() < 0.05 else float(rng.uniform(0.08, 0.24))
         shots.append(Shot(f"{number:04d}", view, draw_look(str(kind), rng), share, int(rng.integers(1 << 30))))

@@ -73,8 +73,7 @@ def row(trained: TrainedRun, plain: TrainedRun, baked: Splats, photo: Photo) -> 
     """The figures of a photo in words, and its pictures. baked: the Gaussians of `plain`."""
     view = held_out_view(trained, photo)
     fit = fit_of(trained, view, "full")
-    with torch.enable_grad():
-        looks = Colouring(fit.start), refined(trained, fit)
+    looks = Colouring(fit.start), refined(trained, fit)
     seen = trained.seen_by(view.camera)
     camera = plain.camera(plain.collection.photo(photo.name)).resized(view.camera.width, view.camera.height)
     renders = [drawn(plain, baked, camera), *(seen.render(look) for look in looks)]

@@ -58,7 +58,8 @@ def main(scene: Path, preset_name: str, resolution: int, seeds: int, protocols: 
 def table(runs: dict[str, list[dict]], protocols: Sequence[str]) -> str:
     """Markdown: PSNR / SSIM / LPIPS against each known truth, for zero-shot and refined looks.
     runs: of each method, one entry per seed."""
-    against = list(runs["wegs"][0]["results"][protocols[0]]["means"])
+    # clean_right is known by protocol `half` alone
+    against = dict.fromkeys(name for protocol in protocols for name in results_of(runs["wegs"], protocol)[0]["means"])
     columns = [f"{name}: {look}" for name in against for look in ("zero-shot", "refined")]
     rows = []
     for method, group in runs.items():
@@ -70,7 +71,7 @@ def table(runs: dict[str, list[dict]], protocols: Sequence[str]) -> str:
                     scores = {metric: scores_of(results, name, look, metric) for metric in METRICS}
                     shown = " / ".join(cell(scores[metric], "{:.2f}", metric == "psnr") for metric in METRICS)
                     cells.append("-" if scores["psnr"][0] is None else shown)
-            cells.append(cell([result.get("mask_iou") for result in results], "{:.2f}"))
+            cells.append(cell([result["mask_iou"] for result in results], "{:.2f}"))
             cells.append(cell([result["training_seconds"] for result in results], "{:.0f}", False))
             cells.append(cell([one["bytes"] / 1e6 for one in group], "{:.1f}", False))
             rows.append(cells)

@@ -227,6 +227,17 @@ def test_compare_puts_all_rivals_into_one_table(small_scene, tmp_path, monkeypat
     assert rows[0][2].startswith(f"{sum(values) / 2:.2f} ± ") and values[0] != values[1] and rows[2][3] == "-"
 
 
+@pytest.mark.parametrize("protocols", [("half", "full"), ("full", "half")])
+def test_compare_shows_what_only_one_of_the_protocols_compares_with(runs, protocols):
+    group = json.loads(json.dumps(runs[0][FULL]))
+    means = group[0]["results"]["half"]["means"]
+    means["clean_right"] = means["photo"]
+    head, _, *rows = compare.table(dict.fromkeys(compare.RIVALS, group), protocols).splitlines()
+    column = head.split(" | ").index("clean_right: zero-shot")
+    for row in (row.split(" | ") for row in rows):
+        assert row[column] == ("-" if row[1] == "full" else row[2])
+
+
 def test_another_split_holds_out_other_photos(tmp_path):
     table = tmp_path / "val.tsv"
     table.write_text("filename\tid\tsplit\n0001.jpg\t1\ttrain\n0002.jpg\t2\ttest\n0003.jpg\t3\ttrain\n")

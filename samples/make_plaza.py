@@ -16,6 +16,7 @@ import sys
 from dataclasses import asdict
 from functools import partial
 from multiprocessing import get_context
+from operator import call
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -80,11 +81,6 @@ def _clean(shot: Shot, look: Look, output: Path, path: str, grid: int) -> None:
     _write(output / path, to_bytes(develop(look, picture.radiance)), cv2.IMWRITE_PNG_COMPRESSION, 9)
 
 
-def _run(job):
-    cv2.setNumThreads(1)
-    return job()
-
-
 def _rounded(value):
     """The value with all its floats, at any depth, to six digits."""
     if isinstance(value, dict):
@@ -105,9 +101,10 @@ def _record(shot: Shot, **more) -> dict:
     return {**more, "look": asdict(shot.look), "camera": camera}
 
 
-def _leave_stops_to_the_parent() -> None:
-    """Ignore Ctrl-C, which reaches all processes of a terminal:
-    the parent ends these, and pycolmap has no chance to report it."""
+def _prepare_worker() -> None:
+    """Keep a worker to one thread, and leave Ctrl-C, which reaches all processes of a terminal, to the parent:
+    it ends the workers, and pycolmap has no chance to report it."""
+    cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
@@ -129,8 +126,8 @@ def make(output: Path, variant: str | None, times: int, grid: int, processes: in
         partial(_clean, s, t.look, output, f"truth/styles/{t.name}/{s.name}.png", grid) for t in styles for s in central
     ]
     results = []
-    with get_context("spawn").Pool(processes, _leave_stops_to_the_parent) as pool, Terminal() as terminal:
-        for result in pool.imap(_run, takes + extra):
+    with get_context("spawn").Pool(processes, _prepare_worker) as pool, Terminal() as terminal:
+        for result in pool.imap(call, takes + extra):
             results.append(result)
             terminal.progress("Pictures", len(results), len(takes) + len(extra))
         pool.close()

@@ -95,16 +95,14 @@ class _Render(torch.autograd.Function):
         slot_gradients = gradients_of_slots(lists, array_of(image), array_of(image_gradient))
         arrays = [array_of(tensor) for tensor in parameters]
         gradients = [torch.empty_like(tensor, memory_format=torch.contiguous_format) for tensor in parameters]
-        probe_gradient = torch.empty((len(arrays[0]), 2)) if ctx.probed else None
-        outputs = [gradient.numpy() for gradient in gradients]
-        outputs.append(NOTHING if probe_gradient is None else probe_gradient.numpy())
+        probe_gradient = torch.empty(len(arrays[0]) if ctx.probed else 0, 2)
+        outputs = [gradient.numpy() for gradient in (*gradients, probe_gradient)]
         slots = lists.footprints, lists.slot_starts, lists.drawn_chunks, slot_gradients
-        view = View.of(ctx.camera)
-        seen = view.rotation, view.centre, view.lens, view.limits
+        *seen, _ = View.of(ctx.camera)  # without its size
         in_parallel(
             lambda *rows: project_backward(*rows, *arrays, *seen, *slots, *outputs), len(arrays[0]), ROWS_PER_BLOCK
         )
-        return None, None, probe_gradient, None, *gradients
+        return None, None, probe_gradient if ctx.probed else None, None, *gradients
 
 
 # --------------------------------------------------------------------------------------------------------- forward pass

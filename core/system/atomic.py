@@ -242,7 +242,7 @@ def filling(folder: Path, patterns: tuple[str, ...], force: bool) -> Iterator[Pa
         old = check_fillable(folder, patterns, force)  # another program may have filled it meanwhile
         fresh = {folder / path.name for path in work.iterdir()}
     with _named(folder):
-        for path in set(old) - fresh:  # last, so that a kill never leaves neither the old files nor the new ones
+        for path in set(old) - fresh:  # last, so that a kill leaves no file missing
             remove(path)
 
 

@@ -100,8 +100,8 @@ def first_line(problem: Exception) -> str:
 
 
 def sent(tensor: Tensor, device: torch.device) -> Tensor:
-    """A copy on `device` of a small tensor on the host, made without waiting:
-    from pinned memory, the copy only joins the GPU's queue."""
+    """A small tensor of the host on `device`: itself if that is the host, else a copy that nobody waits for,
+    as from pinned memory it only joins the GPU's queue."""
     return (tensor.pin_memory() if device.type == "cuda" else tensor).to(device, non_blocking=True)
 
 

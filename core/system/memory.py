@@ -11,7 +11,7 @@ from core.errors import BadSetting
 GIB = 1 << 30
 # Bytes of torch, Numba and others that are mapped from their files: the limit below leaves them out.
 LIBRARIES = 300 << 20
-# Of the program beside what `fitting` counts; allocated, as `limit` counts: a fifth of it is never touched.
+# What the program allocates beside the pieces that `fitting` counts. A fifth of it is never touched, but counts too.
 OTHER_BYTES = 600 << 20
 GROUPS, OF_PROCESS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 

@@ -9,8 +9,7 @@ from core.rasterizer import layout
 from core.rasterizer.layout import HALF_HEIGHT, HALF_WIDTH, LEAN, SLOPE, TILE, X, Y
 
 tiles_along = exact_part(layout.tiles_along)
-# Rounding of centres far outside the picture. Generous bounds cost a test, narrow ones a pixel.
-SLACK_PX = 0.01
+SLACK_PX = 0.01  # for the rounding of centres far outside the picture: generous bounds cost a test, narrow ones a pixel
 
 
 @exact_part

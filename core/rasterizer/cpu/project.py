@@ -136,7 +136,7 @@ def meets_picture(x, y, reach_x, reach_y, size):
 
 @part
 def fits(channel):
-    """Whether a picture holds it: not one that comes of NaN or infinite coefficients, or of so large ones."""
+    """Whether a colour's channel is a finite float32 number: SH may be NaN, infinite or too large for that."""
     held = np.float32(channel)
     return held - held == 0
 
@@ -233,7 +233,7 @@ def colour_footprints(begin, end, means, sh, centre, slot_starts, uncoloured, fo
     """Write the footprints `begin` to `end` of those that touch a tile,
     in the colours that these harmonics show to the camera's centre.
 
-    uncoloured: as `project` wrote them. A colour that no picture holds makes a Gaussian one that is not drawn.
+    uncoloured: as `project` wrote them. A Gaussian with a channel that does not fit is not drawn.
     """
     basis = np.empty(16)
     for i in range(begin, end):

@@ -258,6 +258,7 @@ def draw(
     sections = max(1, min(MOST_SECTIONS, PROGRAMS // tiles)) if differentiable else 1
     part_ends = torch.empty(tiles, parts, dtype=torch.int64, device=device)
     notes = torch.empty(tiles, sections, 4, layout.TILE**2, device=device) if sections > 1 else None
+    # A kernel that is compiled not to use an array is given another in its place, here and elsewhere.
     blend_forward.blend_forward[(part_ends.numel(),)](
         lists.tile_starts, lists.entry_splats, lists.entry_slots, prepared.footprints,
         image, part_ends, image if notes is None else notes, image if strongest is None else strongest,
@@ -269,8 +270,8 @@ def draw(
 
 
 def gradients_of_slots(prepared: Prepared, drawn: Drawn, image_gradient: Tensor) -> tuple[Tensor, Tensor]:
-    """(slots, SLOT_COLUMNS) gradients and (slots,) which of them are set, not 0: see `blend_backward`.
-    drawn: differentiable."""
+    """The slots' gradients (slots, SLOT_COLUMNS), and (slots,) uint8, not 0 for those that are set: see
+    `blend_backward`. drawn: differentiable."""
     lists, (image, part_ends, notes) = prepared.lists, drawn
     (height, width, _), (tiles, parts) = image.shape, part_ends.shape
     sections = 1 if notes is None else notes.shape[1]

@@ -1,5 +1,4 @@
-"""The positions in a camera's array (core.rasterizer.view) for kernels,
-which read it in float32 and so need not take 25 numbers one by one."""
+"""The positions in a camera's array (core.rasterizer.view), as constants of kernels, which take it in float32."""
 
 import triton.language as tl
 

@@ -84,7 +84,8 @@ class Recorder:
 
     def _abandon(self, graph: torch.cuda.CUDAGraph) -> None:
         """End a recording whose work failed. While a stream beside is still in it, CUDA refuses,
-        and torch would never give its memory back."""
+        and torch would never give its memory back. Nor does torch up to 2.13 where CUDA itself has broken off the
+        recording (pytorch/pytorch#190348)."""
         with suppress(RuntimeError):  # which would hide why the work failed
             for other in self.others:
                 # Now it is in the recording, if it was not before; else nothing could wait for it.

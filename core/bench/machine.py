@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 
 import core
-from core.system.threads import cores
+from core.system.cores import cores
 
 PACKAGES = ("torch", "numba", "numpy")
 

@@ -2,18 +2,15 @@
 
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import suppress
-from pathlib import Path
 
 from core.errors import BadSetting
+from core.system import control_groups
 
 GIB = 1 << 30
 # Bytes of torch, Numba and others that are mapped from their files: the limit below leaves them out.
 LIBRARIES = 300 << 20
 # What the program allocates beside the pieces that `fitting` counts. A fifth of it is never touched, but counts too.
 OTHER_BYTES = 600 << 20
-GROUPS, OF_PROCESS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 
 def hold_to(gib: float) -> None:
@@ -53,7 +50,7 @@ def limit() -> int | None:
 def room() -> int | None:
     """The bytes that this process may take: what the machine has, what the container or job allows that it runs in
     (beyond, the system kills it), or the `limit`, whichever is least. None if nothing is known of them."""
-    known = [limit(), *_of_groups()]
+    known = [limit(), *control_groups.memory_limits()]
     if "SC_PHYS_PAGES" in getattr(os, "sysconf_names", ()):  # Windows has none
         known.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     return min((size for size in known if size is not None), default=None)
@@ -63,15 +60,3 @@ def fitting(each: int) -> int:
     """How many pieces of work that take `each` bytes may be at work at once: one, or as many as the `room` holds."""
     whole = room()
     return sys.maxsize if whole is None else max(1, (whole - OTHER_BYTES) // each)
-
-
-def _of_groups() -> Iterator[int]:
-    """The limits of the control groups that this process is in, cgroups(7). A container sees its own as the root."""
-    with suppress(OSError):  # other systems have none
-        for line in OF_PROCESS.read_text().splitlines():
-            _, kind, group = line.split(":", 2)
-            if kind in ("", "memory"):  # of version 2, of version 1
-                own, name = GROUPS / kind / group[1:], "memory.limit_in_bytes" if kind else "memory.max"
-                for folder in (own, *own.parents):
-                    with suppress(OSError, ValueError):  # none here; "max"
-                        yield int((folder / name).read_text())

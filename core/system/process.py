@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from core.system.cores import cores, scheduled
+
 # mallopt(3). By default, glibc returns what a training step frees to the system and asks for it again in the next one,
 # page by page: 250 to 500 page faults per step, 2% of the time of a training, without a gain in memory.
 M_TRIM_THRESHOLD, KEPT_BYTES = -1, 256 << 20  # kept at the end of a heap; from 128 MiB on, a step returns nothing
@@ -19,10 +21,12 @@ SWITCH_S = 2e-4
 
 
 def prepare() -> None:
-    """Set up this process for the engine. OpenMP reads its setting when torch is loaded;
-    a value that the user has set stays."""
+    """Set up this process for the engine. OpenMP reads its settings when torch is loaded;
+    values that the user has set stay."""
     # Threads that spin while they wait keep the kernels' own from running.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    if cores() < scheduled():  # OpenMP counts these
+        os.environ.setdefault("OMP_NUM_THREADS", str(cores()))
     sys.setswitchinterval(SWITCH_S)
     _mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
     _mallopt(M_MMAP_THRESHOLD, LARGEST_BLOCK)

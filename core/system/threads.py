@@ -8,7 +8,6 @@ What is too small or too serial to be cut runs `beside` other work. A thread tha
 blocks when it is done; nobody waits for it to begin.
 """
 
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -17,6 +16,8 @@ from functools import cache
 from typing import TypeVar
 
 import torch
+
+from core.system.cores import cores
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -46,11 +47,6 @@ def threads_for_blocks() -> Iterator[None]:
             yield
     finally:
         _calling_thread.threads = before
-
-
-def cores() -> int:
-    """How many cores this process may use (`taskset` and clusters allow some of them only)."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _CallingThread(threading.local):

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from core.data.sfm import features
 from core.errors import BadSetting
-from core.system import memory
+from core.system import control_groups, memory
 from core.training import sized_photos
 from wegs_cli.main import wegs
 
@@ -88,10 +88,10 @@ def test_room_is_that_of_the_machine_the_control_group_or_the_limit(
     soft_limit_put_back, tmp_path, monkeypatch, of_process, group
 ):
     monkeypatch.setattr(memory.os, "sysconf", {"SC_PHYS_PAGES": 1 << 21, "SC_PAGE_SIZE": 1 << 12}.__getitem__)
-    monkeypatch.setattr(memory, "GROUPS", tmp_path)
-    monkeypatch.setattr(memory, "OF_PROCESS", tmp_path / "none")
+    monkeypatch.setattr(control_groups, "GROUPS", tmp_path)
+    monkeypatch.setattr(control_groups, "OF_PROCESS", tmp_path / "none")
     assert memory.room() == 8 * memory.GIB
-    monkeypatch.setattr(memory, "OF_PROCESS", tmp_path / "cgroup")
+    monkeypatch.setattr(control_groups, "OF_PROCESS", tmp_path / "cgroup")
     (tmp_path / "cgroup").write_text(of_process)
     (tmp_path / group).parent.mkdir(parents=True, exist_ok=True)
     for written, room in (("max", 8), (1 << 63, 8), (4 * memory.GIB, 4)):
@@ -102,7 +102,7 @@ def test_room_is_that_of_the_machine_the_control_group_or_the_limit(
 
 
 def test_features_are_found_and_matched_on_as_many_threads_as_fit(monkeypatch):
-    monkeypatch.setattr(features.threads, "cores", lambda: 16)
+    monkeypatch.setattr(features, "cores", lambda: 16)
     for gib, fitting in ((None, 16), (1, 1), (2, 1), (4, 3), (50, 16)):
         monkeypatch.setattr(features.memory, "room", lambda gib=gib: gib and gib * memory.GIB)
         assert features.threads_within_room() == fitting

@@ -15,7 +15,8 @@ from core.data.sfm.room import check_growth
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera
-from core.system import memory, threads
+from core.system import memory
+from core.system.cores import cores
 
 LONG_SIDE_PX = 1600  # photos are shrunk to this before features are extracted
 MOST_FEATURES = 8192  # of a photo, unless the caller asks for fewer
@@ -140,7 +141,7 @@ def match(
 
 def threads_within_room() -> int:
     """One thread a core, or as many as memory has room for: beyond it, pycolmap or the system would end the program."""
-    return min(threads.cores(), memory.fitting(THREAD_BYTES))
+    return min(cores(), memory.fitting(THREAD_BYTES))
 
 
 def in_parts(items: list[str], least: int, most: int) -> Iterator[tuple[int, list[str]]]:

@@ -14,6 +14,7 @@ from core.data.placing import focal_length_of, is_usual
 from core.data.sfm.features import DATABASE, PHOTOS, SEED, images_in
 from core.errors import BadInput
 from core.report import Report
+from core.system.cores import cores
 from core.words import counted
 
 # Up to this many photos one thread maps them, with nearly always the same result; a sixth slower than two (87 photos:
@@ -155,8 +156,8 @@ def _refine(model: pycolmap.Reconstruction) -> None:
 
 
 def _threads(photos: int) -> int:
-    """How many threads COLMAP may use for this many photos; -1: one a core."""
-    return 1 if photos <= REPEATABLE else -1
+    """How many threads COLMAP may use for this many photos."""
+    return 1 if photos <= REPEATABLE else cores()
 
 
 def _plausible(model: pycolmap.Reconstruction) -> dict[str, float]:

@@ -93,7 +93,7 @@ def read_config(folder: Path) -> RunConfig:
         raise BadInput(f"{path} cannot be used: {problem.what}", fix) from None
     except PermissionError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, OverflowError) as problem:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as problem:
         raise BadInput(f"{path} cannot be used: {type(problem).__name__}: {problem}.", "Train the run again.") from None
 
 

@@ -230,7 +230,9 @@ def test_another_run_in_the_same_folder_is_noticed(tmp_path, collection):
         run_config.check_same_run(tmp_path, "other")
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": {"stepz": 1}}'])
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"settings": {"stepz": 1}}', "[" * 100_000], ids=lambda text: text[:9]
+)
 def test_a_damaged_config_is_refused_in_one_line(tmp_path, text):
     (tmp_path / "config.json").write_text(text)
     with pytest.raises(BadInput, match="config.json cannot be used") as caught:

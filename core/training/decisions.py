@@ -48,7 +48,7 @@ def decide(
     )
     asked = [name for name in JUDGES if name in settings.undecided]
     if not asked:
-        return settings.decided(), ()
+        return settings, ()
     evidence = gather_evidence(points, photos)
     taken = {name: judge(evidence) for name, judge in JUDGES.items()}
     if empty:

@@ -120,7 +120,7 @@ def changed_files(collection: Collection) -> list[str]:
 
 
 def scene_gone(folder: Path, collection: Collection, what: str) -> BadInput:
-    """The error for a run in `folder` whose scene is no longer there. what: cannot be done without it."""
+    """The error for a run in `folder` whose scene is no longer there. what: what therefore fails, as a clause."""
     points = collection.points_from
     where = f"{folder / CONFIG}, as its path" if points is None else f"{points / MARK}, as its scene"
     return BadInput(

@@ -15,6 +15,7 @@ class RunState:
     skipped: int  # invalid steps
     skipped_in_a_row: int  # invalid steps in a row
     collapse_told: bool  # whether the user was told that masks hide too much
+    # Checkpoints of earlier versions lack these.
     useless: int = 0  # Gaussians removed because no photo needed them
     change_due: bool = False  # whether density control has yet to change the Gaussians after these steps
 
@@ -34,7 +35,7 @@ class RunState:
 
     @staticmethod
     def of_facts(facts: dict) -> "RunState":
-        """The inverse of `facts`; KeyError or TypeError if any is missing."""
+        """The inverse of `facts`; KeyError or TypeError if one without a default is missing."""
         return RunState(**facts["trainer"] | {"done": facts["step"]})
 
     def facts(self) -> dict:

@@ -14,7 +14,7 @@ from core.training.network_adam import NetworkAdam
 
 def optimizer_of(model: nn.Module, settings: Settings) -> NetworkAdam:
     """The optimizer of all weights of the model, which has none in a run without looks and masks."""
-    rates = {
+    rates = {  # by the beginning of a weight's name; the first one that fits counts
         "encoder.unet": settings.network_rate,
         "encoder": settings.encoder_rate,
         "embedding_table": settings.embedding_rate,

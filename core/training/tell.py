@@ -13,7 +13,7 @@ from core.training.progress import tell_progress
 from core.training.trainer import StepReport, Trainer
 from core.words import counted
 
-# Steps times Gaussians from which on a CPU needs hours; those of 592 photos, 41,440 and 275,280, took two cores 48
+# Steps times Gaussians beyond which a CPU needs hours. Those of 592 photos, 41,440 and 275,280, took two cores 48
 # minutes at 320x240.
 LONG = 2e10
 # Divides both, if it is to take less time: 592 photos lost 0.1 dB of zero-shot looks and 0.5 of refined ones (README).
@@ -55,7 +55,7 @@ def tell_plan(trainer: Trainer, report: Report) -> None:
         report.say(
             f"It starts from {most:,} of the {counted(points, 'point')}, as half of the Gaussians are for growth"
         )
-    if trainer.settings.transparent_is_empty:
+    if settings.transparent_is_empty:
         report.say("Transparent pixels are learned as empty space, without a sky, and scored over white")
     for decision in trainer.decisions:
         report.say(f"{decision.setting}={decision.value}: {decision.because}")

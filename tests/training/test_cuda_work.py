@@ -20,6 +20,7 @@ from core.training.schedule import SHRINK_FACTORS
 from core.training.trainer import Trainer
 from tests.elsewhere import DEVICE, MixedDevices, elsewhere, kernels, watched
 from tests.small import small_collection, small_settings
+from tests.training.learned import assert_same, copied, learned
 
 pytest.importorskip("triton", reason="Triton is not installed")
 pytestmark = pytest.mark.skipif(
@@ -250,23 +251,12 @@ def test_a_step_that_shows_nothing_waits_once(trainer):
 def test_an_invalid_step_is_skipped_by_the_gpu_itself(trainer, monkeypatch):
     """The host, which does not look before the step is over, reports and counts it as on a CPU; it leaves no trace."""
     trainer.step()
-    state = {
-        **trainer.gaussians.tensors(),
-        **trainer.model.state_dict(),
-        **trainer.optimizer.tensors(),
-    }
-    before = {name: tensor.cpu().clone() for name, tensor in state.items()}
+    before = copied(learned(trainer))
     honest = trainer.objective.picture
     monkeypatch.setattr(trainer.objective, "picture", lambda *arguments: honest(*arguments) * torch.nan)
     (message,) = trainer.step().messages
     assert message.startswith("Step 19 was skipped: its loss was not finite") and trainer.state.skipped == 1
-    state = {
-        **trainer.gaussians.tensors(),
-        **trainer.model.state_dict(),
-        **trainer.optimizer.tensors(),
-    }
-    for name, tensor in before.items():
-        assert torch.equal(tensor, state[name].cpu()), name
+    assert_same(learned(trainer), before)
     monkeypatch.setattr(trainer.objective, "picture", honest)
     assert trainer.step().messages == ()
 

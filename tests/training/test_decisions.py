@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 from core import automatic, config, pipeline
 from core.config import Settings
@@ -27,6 +26,7 @@ from tests.paths import PLAZA
 from tests.real_data import real
 from tests.small import trained_to_the_end
 from tests.training.known_scene import crowded, exposed, known_collection, lit, plain
+from tests.training.learned import assert_same
 
 SMALL = {
     "max_gaussians": 600,
@@ -221,9 +221,7 @@ def test_a_calm_collection_trains_as_plain_3dgs_bit_for_bit(calm, tmp_path):
     vanilla = trained(calm, tmp_path / "vanilla", preset("vanilla").changed(steps=20, **SMALL))
     assert auto.settings == vanilla.settings
     files = [checkpoint.newest(trainer.folder) for trainer in (auto, vanilla)]
-    first, second = map(checkpoint.load, files)
-    assert first.tensors.keys() == second.tensors.keys()
-    assert all(torch.equal(tensor, second.tensors[name]) for name, tensor in first.tensors.items())
+    assert_same(*(checkpoint.load(file).tensors for file in files))
 
 
 def test_parts_that_are_off_have_no_weights_no_losses_and_no_bytes(calm, tmp_path, monkeypatch):

@@ -21,6 +21,7 @@ from core.training.trainer import Trainer
 from tests.failing import failing
 from tests.heard import Heard, StopsAtStep
 from tests.small import HEIGHT, WIDTH, give_to_pipeline, small_collection, small_settings
+from tests.training.learned import assert_same, learned
 from tests.training.step_contexts import context_at
 
 HIDDEN = np.s_[20:, 8:28]
@@ -43,7 +44,7 @@ def trained(collection, folder, **changes):
     folder.mkdir()
     trainer = Trainer(collection, small_settings(steps=STEPS, **changes), folder)
     reports = list(trainer.train())
-    return {**trainer.gaussians.tensors(), **trainer.model.state_dict()}, reports
+    return learned(trainer), reports
 
 
 @pytest.mark.parametrize(
@@ -55,8 +56,7 @@ def test_what_given_masks_hide_has_no_influence(tmp_path, changes):
         collection = crowded(tmp_path / name, colour)
         given = with_masks_in(collection, tmp_path / name / "masks")
         runs.append(trained(given, tmp_path / f"{name}-run", held_out_checks=0, **changes)[0])
-    for name, tensor in runs[0].items():
-        assert torch.equal(tensor, runs[1][name]), name
+    assert_same(*runs)
 
 
 @pytest.mark.parametrize("transients", ["on", "off"])
@@ -127,8 +127,7 @@ def test_masks_belong_to_the_run_and_are_used_when_it_is_resumed(tmp_path, monke
     hidden.rename(scene / "masks")
     broken = pipeline.resume(tmp_path / "broken", Heard())
     first, second = load_run(whole), load_run(broken)
-    for name, tensor in first.splats.tensors().items():
-        assert torch.equal(tensor, getattr(second.splats, name)), name
+    assert_same(second.splats.tensors(), first.splats.tensors())
     # Looks are read as they were trained: what was hidden stays so.
     looks = [find_look(live, "photo_0.png").colouring.embedding for live in (first, second)]
     assert torch.equal(*looks)

@@ -12,6 +12,7 @@ from core.run import checkpoint
 from core.scene.harmonics import dc_of_colour
 from core.training.trainer import Trainer
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings
+from tests.training.learned import assert_same
 
 
 def test_held_out_renders_are_judged_as_they_are_shown(trainer_of):
@@ -56,6 +57,4 @@ def test_what_held_out_photos_show_teaches_nothing(tmp_path):
         judged.append([report.held_out_psnr for report in trainer.train()])
         checkpoints.append(checkpoint.load(checkpoint.newest(folder / "run")).tensors)
     assert judged[0] != judged[1]
-    first, second = checkpoints
-    assert first.keys() == second.keys()
-    assert [name for name in first if not torch.equal(first[name], second[name])] == []
+    assert_same(*checkpoints)

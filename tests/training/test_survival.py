@@ -27,6 +27,7 @@ from core.training.trainer import SKIPS_TO_STOP, Trainer
 from tests.data.checks import notes_with
 from tests.data.small_scene import SmallScene
 from tests.small import HEIGHT, WIDTH, small_collection, small_settings, trained_to_the_end
+from tests.training.learned import assert_same, copied, learned
 
 
 def run(collection, folder, **changes):
@@ -34,7 +35,7 @@ def run(collection, folder, **changes):
     folder.mkdir()
     trainer = Trainer(collection, small_settings(**changes), folder)
     messages = [message for report in trainer.train() for message in report.messages]
-    for name, tensor in {**trainer.gaussians.tensors(), **trainer.model.state_dict()}.items():
+    for name, tensor in learned(trainer).items():
         assert torch.isfinite(tensor).all(), name
     return trainer, messages
 
@@ -179,8 +180,7 @@ def test_a_view_of_nothing_is_a_step_like_any_other(collection, tmp_path):
     unchanged = {"densify_from": 1.0, "densify_until": 1.0, "prune_contribution": 0.0}
     trainer, messages = run(replace(collection, photos=blind), tmp_path / "run", sky="none", steps=9, **unchanged)
     assert messages == [] and trainer.state.skipped == 0
-    for name, tensor in trainer.gaussians.parameters.items():
-        assert torch.equal(tensor, before[name]), name
+    assert_same(trainer.gaussians.parameters, before)
 
 
 # --- masks
@@ -261,19 +261,11 @@ def test_an_invalid_step_is_skipped_counted_and_leaves_no_trace(collection, tmp_
     trainer = Trainer(collection, small_settings(), tmp_path)
     for _ in range(12):
         trainer.step()
-    state = {**trainer.gaussians.tensors(), **trainer.model.state_dict()}
-    state |= trainer.optimizer.tensors()
-    before = {name: tensor.clone() for name, tensor in state.items()}
+    before = copied(learned(trainer))
     spoil(trainer, 1, WRONG[words])
     (message,) = trainer.step().messages
     assert message.startswith("Step 13 was skipped: its ") and words in message and "(photo photo_" in message
-    after = {
-        **trainer.gaussians.tensors(),
-        **trainer.model.state_dict(),
-        **trainer.optimizer.tensors(),
-    }
-    for name, tensor in before.items():
-        assert torch.equal(tensor, after[name]), name
+    assert_same(learned(trainer), before)
     assert trainer.step().messages == () and (trainer.state.skipped, trainer.state.skipped_in_a_row) == (1, 0)
     assert int(trainer.model.remembered) == 13  # of the photos read in 14 steps
 
@@ -283,13 +275,12 @@ def test_an_encoder_whose_gradient_overflows_keeps_only_the_networks_from_learni
     trainer = Trainer(collection, small_settings(), tmp_path)
     trainer.step()
     overflowing = next(trainer.model.encoder.parameters()).register_hook(lambda gradient: gradient + math.inf)
-    networks = {name: tensor.clone() for name, tensor in trainer.model.state_dict().items()}
+    networks = copied(trainer.model.state_dict())
     harmonics = trainer.gaussians.splats.sh.clone()
     (message,) = trainer.step().messages
     assert message.startswith("Step 2 taught the networks nothing: its networks' gradient was not finite (photo ")
     assert not torch.equal(trainer.gaussians.splats.sh, harmonics)
-    for name, tensor in trainer.model.state_dict().items():
-        assert torch.equal(tensor, networks[name]), name
+    assert_same(trainer.model.state_dict(), networks)
     overflowing.remove()
     assert trainer.step().messages == () and trainer.state.skipped == 1
 
@@ -331,10 +322,8 @@ def test_any_number_of_threads_trains_the_same_bits(collection, tmp_path, on_thr
     monkeypatch.setattr("core.appearance.transfer_mlp.ROWS", STRIP)
 
     def found():
-        trainer, _ = run(collection, tmp_path / str(torch.get_num_threads()))
-        return {**trainer.gaussians.tensors(), **trainer.model.state_dict()}
+        return learned(run(collection, tmp_path / str(torch.get_num_threads()))[0])
 
     first, *others = on_threads((1, 2, 4), found)
     for other in others:
-        for name, tensor in first.items():
-            assert torch.equal(tensor, other[name]), name
+        assert_same(other, first)

@@ -13,6 +13,7 @@ from core.errors import BadInput
 from core.run import checkpoint
 from core.training.trainer import Trainer
 from tests.small import damage, small_settings, trained_to_the_end
+from tests.training.learned import assert_same, learned
 
 
 def run(collection, folder, settings, until=None):
@@ -67,11 +68,7 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(collection, tmp_path, 
     resumed.resume(checkpoint.load(checkpoint.newest(tmp_path / "broken")))
     assert resumed.state.done == 22 and len(resumed.state.order) == 2
     trained_to_the_end(resumed)
-    expected = {**whole.gaussians.tensors(), **whole.model.state_dict()}
-    actual = {**resumed.gaussians.tensors(), **resumed.model.state_dict()}
-    assert expected.keys() == actual.keys()
-    for name, tensor in expected.items():
-        assert torch.equal(tensor, actual[name]), name
+    assert_same(learned(resumed), learned(whole))
 
 
 def test_a_checkpoint_of_another_run_is_refused(collection, tmp_path):

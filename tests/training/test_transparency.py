@@ -22,6 +22,7 @@ from core.run.background import WHITE
 from core.training.trainer import Trainer
 from tests.heard import Heard
 from tests.small import small_collection, small_settings, trained_to_the_end
+from tests.training.learned import assert_same, learned
 from tests.training.transparent_scene import write_transparent_scene
 
 PLAIN = {"appearance": "off", "transients": "off", "sh_degree": 0, "device": "cpu"}
@@ -75,8 +76,7 @@ def test_a_resumed_run_equals_an_unbroken_one_bit_for_bit(scene, tmp_path):
     resumed.resume(checkpoint.load(checkpoint.newest(tmp_path)))
     for _ in range(11):
         resumed.step()
-    for name, tensor in trainers[0].gaussians.tensors().items():
-        assert torch.equal(tensor, resumed.gaussians.tensors()[name]), name
+    assert_same(learned(resumed), learned(trainers[0]))
 
 
 def test_small_targets_know_what_is_empty(scene, tmp_path):

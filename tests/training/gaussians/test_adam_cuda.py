@@ -5,6 +5,7 @@ import torch
 
 from core.training.gaussians.adam import LARGEST_GRADIENT
 from core.training.gaussians.gaussians import Gaussians
+from tests.training.learned import assert_same
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
@@ -82,13 +83,12 @@ def test_rows_of_minus_one_are_skipped():
         {name: rate.to(DEVICE) for name, rate in RATES.items()},
         torch.tensor(True, device=DEVICE),
     )
-    for name, tensor in found.tensors().items():
-        assert torch.equal(tensor.cpu(), expected[name]), name
+    assert_same({name: tensor.cpu() for name, tensor in found.tensors().items()}, expected)
 
 
 def test_a_step_that_is_not_taken_changes_nothing():
     found = stepped(aged_gaussians(oldest=5).to(torch.device(DEVICE)), adam_cuda.step, taken=False)
-    assert all(torch.equal(tensor, found[name]) for name, tensor in aged_gaussians(oldest=5).tensors().items())
+    assert_same(found, aged_gaussians(oldest=5).tensors())
 
 
 def test_what_does_not_learn_yet_stays_as_it_is():
@@ -104,7 +104,7 @@ def test_what_does_not_learn_yet_stays_as_it_is():
 
 def test_a_view_of_nothing_changes_nothing():
     found = stepped(aged_gaussians(oldest=5).to(torch.device(DEVICE)), adam_cuda.step, rows=ROWS[:0])
-    assert all(torch.equal(tensor, found[name]) for name, tensor in aged_gaussians(oldest=5).tensors().items())
+    assert_same(found, aged_gaussians(oldest=5).tensors())
 
 
 @pytest.mark.parametrize("count", [1, adam_cuda.ROWS, adam_cuda.ROWS + 1])

@@ -7,6 +7,7 @@ import torch
 from core.training.gaussians import densify
 from tests.failing import failing
 from tests.small import small_settings
+from tests.training.learned import assert_same, copied
 
 
 def test_pruning_removes_the_faint_the_huge_and_the_broken_but_never_the_sky(gaussians):
@@ -33,12 +34,12 @@ def test_axes_that_are_too_thin_are_widened_and_nothing_else_changes(gaussians):
     scales[0] = torch.tensor([1e-9, 0.3, 0.02]).log()
     scales[1] = torch.tensor([0.15, 0.15 / 250, 1e-7]).log()
     scales[-1] = torch.tensor([1.0, 1.0, 1e-6]).log()  # of the sky
-    before = {name: tensor.clone() for name, tensor in gaussians.tensors().items()}
+    before = copied(gaussians.tensors())
     densify.thicken(gaussians)
     assert scales[0].exp().tolist() == pytest.approx([0.001, 0.3, 0.02])
     assert scales[1].exp().tolist() == pytest.approx([0.15, 0.15 / 250, 0.0005])
     before["parameters.log_scales"][:2] = scales[:2]
-    assert all(torch.equal(tensor, before[name]) for name, tensor in gaussians.tensors().items())
+    assert_same(gaussians.tensors(), before)
 
 
 @pytest.mark.parametrize("reaching", [0.0, 0.1, 0.5, 1.0])

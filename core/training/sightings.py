@@ -14,6 +14,8 @@ from core.run.sized_photo import SizedPhoto
 MOST_PHOTOS, MOST_POINTS = 200, 5000  # spread evenly over the collection; beyond, figures hardly change and seconds do
 FEWEST_PHOTOS = 3  # that must have matched a point: of two photos that disagree none is right
 BLUR = 0.003  # of the picture's diagonal: wider than features are off, so that texture does not count as a look
+# Among how many a neighbour is looked for: most are there at once, but not where a small subject has all the points.
+AMONG_NEAREST = 16, 256, MOST_POINTS
 EDGE = 2 * BLUR  # of the diagonal: nearer to the border the blur invents what it averages
 NEAR_DEGREES = 10.0  # at most this far from a photo that matched it, a point should be seen as well
 NEAR_DISTANCE = 1.5  # and at most this many times as far away, or as near
@@ -74,11 +76,14 @@ def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
     first, second = [], []
     for rows in rows_of_each(sightings.photo):
         pixels = sightings.pixel[rows]
-        distances, nearest = cKDTree(pixels).query(pixels, k=range(1, min(16, len(rows)) + 1))
-        apart = distances >= 4 * BLUR
-        there = apart.any(axis=1)
-        first.append(rows[there])
-        second.append(rows[nearest[np.arange(len(rows)), apart.argmax(axis=1)][there]])
+        tree, alone = cKDTree(pixels), np.arange(len(rows))
+        for count in AMONG_NEAREST:
+            distances, nearest = tree.query(pixels[alone], k=range(1, min(count, len(rows)) + 1))
+            apart = distances >= 4 * BLUR
+            there = apart.any(axis=1)
+            first.append(rows[alone[there]])
+            second.append(rows[nearest[np.arange(len(alone)), apart.argmax(axis=1)][there]])
+            alone = alone[~there]
     return np.concatenate(first), np.concatenate(second)
 
 

@@ -85,6 +85,19 @@ def test_neighbours_are_in_the_same_photo_and_do_not_share_their_blur(random):
     assert len(first) > 0.95 * len(made) and np.median(apart) < 0.05
 
 
+def test_points_that_crowd_in_a_small_part_of_the_photos_have_neighbours_as_well(random):
+    """A small subject has dozens of them within one blur. They were left out, and nothing differed or looked strange."""
+    made = sightings(random)
+    made = replace(made, pixel=made.pixel / 14)
+    first, second = neighbours(made)
+    assert np.array_equal(np.sort(first), np.arange(len(made)))
+    here = made.photo[first] == 0
+    first, second = made.pixel[first[here]], made.pixel[second[here]]
+    distances = np.linalg.norm(first[:, None] - made.pixel[made.photo == 0], axis=2)
+    nearest = np.where(distances < 4 * 0.003, np.inf, distances).min(axis=1)
+    np.testing.assert_allclose(np.linalg.norm(first - second, axis=1), nearest)
+
+
 # --- exposures
 
 

@@ -182,8 +182,8 @@ def _camera_from_json(photo: dict) -> Camera:
     if not (are_numbers and can_be_drawn(width, height, lens)):
         raise ValueError(f"{photo['name']} as a picture of {width}x{height} px by a camera of {lens} px")
     rotation, centre = values["world_to_camera"], values["centre"]
-    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < CROOKED and np.linalg.det(rotation) > 0
-    if not (is_rotation and (np.abs(centre) < LARGEST_PX).all()):
+    are_axes = (np.abs(rotation) < 2).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() < CROOKED
+    if not (are_axes and np.linalg.det(rotation) > 0 and (np.abs(centre) < LARGEST_PX).all()):
         raise ValueError(f"{photo['name']} from {centre.tolist()}, turned by {rotation.tolist()}")
     return Camera(**values)
 

@@ -194,6 +194,7 @@ def changed(camera=(), lens=()):
         (changed(camera={"centre": [0, float("nan"), 0]}), "from .0.0, nan, 0.0."),
         (changed(camera={"world_to_camera": np.zeros((3, 3)).tolist()}), "from .* turned by"),
         (changed(camera={"world_to_camera": (-np.eye(3)).tolist()}), "from .* turned by"),
+        (changed(camera={"world_to_camera": np.full((3, 3), 1e200).tolist()}), "from .* turned by"),
         (changed(lens={"model": "ZORK"}), "through .*ZORK"),
         (changed(lens={"model": "EQUIRECTANGULAR", "params": []}), "through"),
         (changed(lens={"params": [4.0]}), "through"),

@@ -61,8 +61,7 @@ def main(run_folder: Path | None, lengths: tuple[int, ...], sh_degree: int | Non
         check_file(file)
     settings, rows = trained.settings, []
     degree = settings.sh_degree if sh_degree is None else sh_degree
-    if (distance := lpips.load()) is not None:
-        distance.to(trained.device)
+    distance = lpips.load(trained.device)
     with Terminal() as terminal:
 
         def add(method: str, run: TrainedRun, steps: int, seconds: float) -> None:

@@ -48,7 +48,7 @@ def small_scene(tmp_path_factory):
         patch.setattr(training, "load_collection", lambda path, *_: replace(collection, root=path))
         patch.setattr(refinement, "STEPS", 2)
         patch.setattr(refinement, "LATER_STEPS", 2)
-        patch.setattr(lpips, "load", lambda: None)
+        patch.setattr(lpips, "load", lambda *_: None)
         yield folder
 
 

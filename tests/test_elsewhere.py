@@ -80,7 +80,7 @@ def test_a_whole_run_leaves_no_tensor_on_the_cpu(scene, tmp_path, monkeypatch):
     assert any("lit unlike any photo of the place (darker" in line for line in heard.lines)
     pipeline.interpolate(folder, "night", "kept", 3, tmp_path / "dawn")
     pipeline.interpolate(folder, "kept", "neutral", 2, tmp_path / "fade", ply=True)
-    monkeypatch.setattr(lpips, "load", lambda: Lpips(made_weights()))
+    monkeypatch.setattr(lpips, "load", lambda device: Lpips(made_weights()).to(device))
     scores = pipeline.evaluate(folder, protocol="full").views[0].scores["photo"]
     assert scores["refined"].lpips > 0 and scores["refined"].psnr >= scores["zero_shot"].psnr - 0.1  # L1 is refined
     pipeline.evaluate(folder, protocol="half")

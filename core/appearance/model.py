@@ -87,13 +87,17 @@ class AppearanceModel(nn.Module):
         self.remembered = self.remembered.cpu()
         return self
 
+    def row_of(self, photo_name: str) -> int | None:
+        """The photo's place in `photo_names`; None for a photo that was not trained on."""
+        return self.photo_names.index(photo_name) if photo_name in self.photo_names else None
+
     def read(self, picture: Float[Tensor, "3 h w"], row: int | None = None) -> Reading:
         """The embedding and mask of a photo of the scene.
 
-        picture: [0, 1], any size; it is shrunk here, and one that is shrunk already stays as it is. row: its place in
-        `photo_names`, or None for a photo that was not trained on. The embedding of such a photo is held within
-        `known_range`; with a GLO table, which has no row for it, its embedding is the mean, where a refinement can
-        start. Without appearance the embedding is the mean too (zeros). Raises BadInput for a row that does not exist.
+        picture: [0, 1], any size; it is shrunk here, and one that is shrunk already stays as it is. row: see `row_of`.
+        The embedding of a photo without one is held within `known_range`; with a GLO table its embedding is the mean,
+        where a refinement can start. Without appearance the embedding is the mean too (zeros). Raises BadInput for a
+        row that does not exist.
         """
         if row is not None and not 0 <= row < len(self.photo_names):
             raise BadInput(f"There is no photo {row} among {len(self.photo_names)}.", "Count from 0.")

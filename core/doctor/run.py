@@ -119,7 +119,6 @@ def _settings(settings: Settings) -> Finding:
 def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
     """How much the looks of the training photos add to the base, and how much their masks hide."""
     photos = spread_over(trained.collection.split("train"), MOST_PHOTOS)
-    names = trained.model.photo_names
     masks: dict[str, float] = {}
     unusable: dict[str, str] = {}  # with what to do about each
     base = trained.base(trained.splats.finite_rows())
@@ -132,7 +131,7 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
             continue
         with torch.no_grad():
-            reading = trained.model.read(sized.encoder_input, names.index(photo.name) if photo.name in names else None)
+            reading = trained.model.read(sized.encoder_input, trained.model.row_of(photo.name))
             residual = trained.model.transfer(base, reading.embedding)[1]
         if reading.mask is not None:
             masks[photo.name] = float(reading.mask.mean())

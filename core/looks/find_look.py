@@ -138,8 +138,7 @@ def look_of_photo(
     named = partial(Look, Path(photo.name).stem, f"{kind} photo {photo.name}")
     if not trained.has_looks:
         return named(neutral_look(trained).colouring)
-    names = trained.model.photo_names
-    row = names.index(photo.name) if photo.name in names else None
+    row = trained.model.row_of(photo.name)
     if row is None:
         _refuse_unknown_to_table(trained, photo.name)
     if row is None or mask is not None or trained.photo_embeddings is None:

@@ -35,5 +35,5 @@ def _as_read(trained: TrainedRun, sized: SizedPhoto) -> Look:
     """The look of a training photo as the model reads it now, in the midst of training as well.
     The photo's file is not needed, which may be gone by then."""
     name = sized.photo.name
-    reading = trained.model.read(sized.encoder_input, trained.model.photo_names.index(name))
+    reading = trained.model.read(sized.encoder_input, trained.model.row_of(name))
     return Look(name, f"training photo {name}", Colouring(reading.embedding))

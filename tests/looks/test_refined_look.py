@@ -80,7 +80,7 @@ def test_refinement_brings_a_look_closer_to_its_photo(trained):
 def test_a_training_photo_is_refined_for_as_long_as_it_is_there(trained):
     """Its look as it was learned is in the run."""
     learned, refined = (find_look(trained, "1.png", refine=refine) for refine in (False, True))
-    assert torch.equal(learned.colouring.embedding, trained.photo_embeddings[trained.model.photo_names.index("1.png")])
+    assert torch.equal(learned.colouring.embedding, trained.photo_embeddings[trained.model.row_of("1.png")])
     assert (
         off(trained, refined, "1.png") < off(trained, learned, "1.png")
         and refined.source == "training photo 1.png, refined"

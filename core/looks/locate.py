@@ -55,8 +55,8 @@ SURE = 0.75  # with this share, no other start is tried; those that end beside t
 
 
 class Located(NamedTuple):
-    """camera: a pinhole in the scene frame, at the size of the photo as displayed.
-    inliers: how many of the matches agree with it. matches: how many there were."""
+    """camera: a pinhole in the scene frame, at the size at which the photo was compared; what `locate` returns, at that
+    of the photo as displayed. inliers: how many of the matches agree with it. matches: how many there were."""
 
     camera: Camera
     inliers: int
@@ -177,21 +177,27 @@ def _with_other_focal_lengths(trained: TrainedRun, baked: Splats, query: Query, 
     What is as deep everywhere looks the same from nearer by through a wider lens, so iterating by itself changes the
     focal length only slowly.
     """
+    depth = _median_depth(trained, baked, best.camera)
     for factor in (WIDER, 1 / WIDER):
         while True:
-            found = _iterate(trained, baked, query, _dollied(trained, baked, best.camera, factor))
+            found = _iterate(trained, baked, query, _dollied(best.camera, depth, factor))
             if found is None or found.inliers < GAIN * best.inliers:
                 break
-            best = found
+            best, depth = found, _median_depth(trained, baked, found.camera)
     return best
 
 
-def _dollied(trained: TrainedRun, baked: Splats, camera: Camera, factor: float) -> Camera:
-    """The camera with its focal length times `factor`, moved along its axis so that what it sees in its median depth
-    stays as large."""
+def _median_depth(trained: TrainedRun, baked: Splats, camera: Camera) -> float:
+    """Of the place as the camera sees it, scene units."""
     reference = _render_reference(trained, baked, camera)
     _, depths = camera.project(reference.points[reference.is_place])
-    centre = camera.centre + (1 - factor) * np.median(depths) * camera.world_to_camera[2]
+    return float(np.median(depths))
+
+
+def _dollied(camera: Camera, depth: float, factor: float) -> Camera:
+    """The camera with its focal length times `factor`, moved along its axis so that what lies at this depth stays as
+    large."""
+    centre = camera.centre + (1 - factor) * depth * camera.world_to_camera[2]
     return replace(camera, fx=factor * camera.fx, fy=factor * camera.fy, centre=centre)
 
 

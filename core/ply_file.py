@@ -20,9 +20,14 @@ class _Opened(io.FileIO):
     """A binary file for plyfile, which reads headers byte by byte and refuses any that is not ASCII,
     as in other programs' comments."""
 
+    def __init__(self, path: Path):
+        super().__init__(path)
+        self.header_bytes = _header_bytes(read_header(path)) or HEADER_BYTES
+
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
-        return data.translate(IN_ASCII) if len(data) == 1 else data
+        # Rows with lists are read number by number, some of which are bytes, too.
+        return data.translate(IN_ASCII) if len(data) == 1 and self.tell() <= self.header_bytes else data
 
 
 def read_rows(path: Path, wanted: str) -> np.ndarray:
@@ -60,6 +65,12 @@ def read_header(path: Path) -> bytes:
         return file.read(HEADER_BYTES)
 
 
+def _header_bytes(header: bytes) -> int | None:
+    """Where the rows begin; None if nothing ends the header."""
+    end = re.search(rb"[\r\n]end_header(\r\n|\r|\n)", header)  # a line of its own: a comment may end in the word
+    return end and end.end()
+
+
 def _is_text(header: bytes) -> bool:
     """Whether the rows are text, as the header is; no comment line begins in this way."""
     return re.search(rb"[\r\n]format ascii", header) is not None
@@ -76,13 +87,13 @@ def bytes_beyond(path: Path) -> int:
     """How many bytes a readable file has beyond the rows that its header announces;
     0 in a file of text, or with lists."""
     header = read_header(path)
-    end = re.search(rb"[\r\n]end_header(\r\n|\r|\n)", header)  # a line of its own: a comment may end in the word
-    if end is None or _is_text(header):
+    rows_begin = _header_bytes(header)
+    if rows_begin is None or _is_text(header):
         return 0
     elements = _parsed(path).elements  # maps the rows, and reads none
     if any(isinstance(column, plyfile.PlyListProperty) for element in elements for column in element.properties):
         return 0
-    return path.stat().st_size - end.end() - sum(element.data.nbytes for element in elements)
+    return path.stat().st_size - rows_begin - sum(element.data.nbytes for element in elements)
 
 
 def write_rows(path: Path, rows: np.ndarray, comment: str = "") -> None:

@@ -24,6 +24,11 @@ class Colouring(NamedTuple):
     tone: Float[Tensor, "2 3"] | None = None
     changes: Weights = UNCHANGED
 
+    @property
+    def gains(self) -> Float[Tensor, "2 3"]:
+        """The tone; EVEN without one."""
+        return EVEN.to(self.embedding.device) if self.tone is None else self.tone
+
     def map(self, function: Callable[[Tensor], Tensor]) -> "Colouring":
         """`function` applied to every tensor."""
         tone = None if self.tone is None else function(self.tone)
@@ -44,10 +49,7 @@ def blended(first: Colouring, last: Colouring, share: float) -> Colouring:
     """`share` of the way from `first` to `last`."""
     tone = None
     if first.tone is not None or last.tone is not None:
-        first_tone, last_tone = (
-            EVEN.to(end.embedding.device) if end.tone is None else end.tone for end in (first, last)
-        )
-        tone = torch.lerp(first_tone, last_tone, share)
+        tone = torch.lerp(first.gains, last.gains, share)
     none = {name: torch.zeros_like(change) for name, change in (first.changes | last.changes).items()}
     begin, aim = none | first.changes, none | last.changes
     changes = {name: torch.lerp(begin[name], aim[name], share) for name in none}

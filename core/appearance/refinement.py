@@ -18,7 +18,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from core.appearance.colouring import EVEN, Colouring, Weights
+from core.appearance.colouring import Colouring, Weights
 from core.appearance.strangeness import LARGEST_EXCESS, excess
 from core.report import OnProgress, ignore_progress
 from core.scene.camera import Camera
@@ -184,9 +184,9 @@ def _fit_output_layer(seen: Refinable, start: Colouring, misfit: Callable[[Colou
     that gives weights stays as it is: refined beside them it fits the photo no better, and changes more of what other
     cameras see (core/TRIED.md, "Refinement").
     """
-    embedding, tone, changes = start.detached()
-    gains = (EVEN.to(embedding.device) if tone is None else tone).log()
-    changes = {name: torch.zeros_like(spread) for name, spread in seen.given_spread.items()} | changes
+    start = start.detached()
+    embedding, gains = start.embedding, start.gains.log()
+    changes = {name: torch.zeros_like(spread) for name, spread in seen.given_spread.items()} | start.changes
     learning = [_Learning(gains, TONE_RATE)]
     learning += [_Learning(changes[name], GIVEN_RATE * spread) for name, spread in seen.given_spread.items()]
     if not seen.given_spread:

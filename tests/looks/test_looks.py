@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-import core.rasterizer
 from core.appearance.tone import band_means, tone_between, toned
 from core.data.collection import GivenMask
 from core.data.sfm import originals
@@ -19,7 +18,7 @@ from core.export.pictures import to_8_bit, write_png
 from core.looks import saved_look
 from core.looks.find_look import find_look
 from core.looks.outside import tone_layers
-from core.looks.trained import TrainedRun, bake, blend
+from core.looks.trained import TrainedRun, bake, blend, drawn
 from core.scene.cells import cell_sums
 from core.system.atomic import write_json
 from tests.heard import Heard
@@ -56,8 +55,7 @@ def trained(tmp_path_factory) -> TrainedRun:
 def rendered(trained: TrainedRun, look) -> torch.Tensor:
     """The look from a held-out camera, in 8-bit steps."""
     camera = trained.camera(trained.collection.photo(None))
-    image = core.rasterizer.create("auto").render(bake(trained, look), camera)
-    return 255 * image.clamp(0, 1)
+    return 255 * drawn(trained, bake(trained, look), camera).clamp(0, 1)
 
 
 def with_crowd(photo, folder, colour):
@@ -221,7 +219,7 @@ def test_sky_and_place_have_gains_of_their_own(trained, tmp_path):
     night = toned(neutral, torch.tensor([[1.0], [0.05]]).expand(2, 3), trained.sky_count)
     photo = trained.collection.photo(None)
     path = tmp_path / "lit.png"
-    write_png(path, to_8_bit(trained.rasterizer.render(night, trained.camera(photo))))
+    write_png(path, to_8_bit(drawn(trained, night, trained.camera(photo))))
     place, sky = find_look(trained, str(path)).colouring.tone.mean(dim=1)
     assert place > 0.7 and sky < 0.5
 

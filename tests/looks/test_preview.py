@@ -10,7 +10,7 @@ from core.export.labelled_sheet import GAP_PX, LABEL_PX
 from core.export.pictures import to_8_bit
 from core.looks.find_look import find_look
 from core.looks.preview import PHOTOS, write_preview
-from core.looks.trained import bake
+from core.looks.trained import bake, drawn
 from core.training.sized_photos import SizedPhotos
 from tests.small import finished, small_collection, whole_settings
 
@@ -43,9 +43,7 @@ def test_each_row_is_a_photo_the_scene_in_its_look_and_in_the_neutral_one(traine
     for number, sized in enumerate(photos):
         top = LABEL_PX + number * (height + GAP_PX + LABEL_PX)
         looks = (find_look(trained, word, refine=False) for word in (sized.photo.name, "neutral"))
-        images = [
-            to_8_bit(trained.rasterizer.render(bake(trained, look), sized.camera, trained.background)) for look in looks
-        ]
+        images = [to_8_bit(drawn(trained, bake(trained, look), sized.camera)) for look in looks]
         for column, expected in enumerate((sized.pixels, *images)):
             left = column * (width + GAP_PX)
             assert np.array_equal(sheet[top : top + height, left : left + width], expected)

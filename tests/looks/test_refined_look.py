@@ -30,7 +30,7 @@ def off(trained: TrainedRun, look, name: str = "0.png") -> float:
     """The mean difference, which a refinement makes smaller, between the look,
     seen by the camera of a photo, and that photo."""
     sized = trained.sized_photo(trained.collection.photo(name))
-    image = trained.rasterizer.render(bake(trained, look), sized.camera, trained.background)
+    image = drawn(trained, bake(trained, look), sized.camera)
     return float((image - torch.from_numpy(sized.pixels).float() / 255).abs().mean())
 
 
@@ -283,7 +283,7 @@ def test_a_run_renders_a_look_as_its_bake_is_rendered(trained, few_steps):
     look, camera = find_look(trained, "1.png"), trained.camera(trained.collection.photo("0.png"))
     for tone in (None, torch.tensor([[0.5, 0.7, 0.9], [0.1, 0.2, 0.3]])):
         shown = replace(look, colouring=look.colouring._replace(tone=tone))
-        baked = trained.rasterizer.render(bake(trained, shown), camera, trained.background)
+        baked = drawn(trained, bake(trained, shown), camera)
         torch.testing.assert_close(trained.seen_by(camera).render(shown.colouring), baked, rtol=0, atol=1e-5)
     embedding = look.colouring.embedding.clone().requires_grad_()
     trained.seen_by(camera).render(Colouring(embedding)).sum().backward()

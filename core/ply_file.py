@@ -5,6 +5,7 @@ The only module that imports plyfile, whose licence is GPL-3.
 
 import io
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -77,8 +78,10 @@ def _is_text(header: bytes) -> bool:
 
 
 def _parsed(path: Path) -> plyfile.PlyData:
+    is_text = _is_text(read_header(path))
     with (
-        path.open(encoding="ascii", errors="backslashreplace") if _is_text(read_header(path)) else _Opened(path) as file
+        path.open(encoding="ascii", errors="backslashreplace") if is_text else _Opened(path) as file,
+        warnings.catch_warnings(action="ignore", category=UserWarning),  # NumPy's of an empty list in a text
     ):
         return plyfile.PlyData.read(file)
 

@@ -42,12 +42,13 @@ def test_points_are_read_from_every_form_of_ply(tmp_path, form, place):
     assert (positions == PLACES).all() and (colours == 0.5).all()
 
 
-def test_bytes_beside_a_list_are_read_as_they_are(tmp_path):
+@pytest.mark.parametrize("text", [True, False])
+def test_bytes_beside_a_list_are_read_as_they_are(tmp_path, text):
     """Rows with lists are read byte by byte, as headers are, in which bytes from 128 on are no letters."""
     rows = np.zeros(4, [*((name, "f4") for name in "xyz"), *((c, "u1") for c in ("red", "green", "blue")), ("views", "O")])  # fmt: skip
-    rows["red"], rows["views"] = [0, 100, 128, 255], [np.arange(count) for count in (1, 2, 127, 200)]
+    rows["red"], rows["views"] = [0, 100, 128, 255], [np.arange(count) for count in (0, 2, 127, 200)]
     vertices = plyfile.PlyElement.describe(rows, "vertex", len_types={"views": "u1"}, val_types={"views": "i4"})
-    plyfile.PlyData([vertices], byte_order="<").write(str(tmp_path / "a.ply"))
+    plyfile.PlyData([vertices], text=text, byte_order="<").write(str(tmp_path / "a.ply"))
     colours = read_points_file(tmp_path / "a.ply")[1]
     assert np.allclose(255 * colours[:, 0], rows["red"], rtol=0, atol=1e-4)  # float32
 

@@ -13,7 +13,7 @@ import core
 from core.config import Settings
 from core.data.collection import Collection, GivenMask, Photo
 from core.data.made import CONFIG, moved_together, path_from, read_mark, relative_path_to
-from core.data.photos.distortion import is_sound
+from core.data.photos.distortion import stated_lens
 from core.data.photos.names import is_file
 from core.data.sfm.kept_points import MARK, home_of
 from core.data.split_table import SPLITS
@@ -191,7 +191,7 @@ def _camera_from_json(photo: dict) -> Camera:
 def _lens_from_json(photo: dict, key: str) -> Lens | None:
     if photo[key] is None:
         return None
-    lens = Lens(**photo[key])
-    if not is_sound(lens):
-        raise ValueError(f"{photo['name']} through {lens}")
+    lens = stated_lens(photo[key])
+    if lens is None:
+        raise ValueError(f"{photo['name']} through {photo[key]}")
     return lens

@@ -45,14 +45,24 @@ def is_usable(camera: pycolmap.Camera) -> bool:
     return min(camera.focal_length_x, camera.focal_length_y) > 0
 
 
-def is_sound(lens: Lens) -> bool:
-    """Whether `undistort` can work with the values of the lens, which may come from a damaged file."""
-    if lens.model not in MODELS or lens.orientation not in TURNS or not type(lens.width) is type(lens.height) is int:
-        return False
-    if not all(type(value) in (int, float) for value in lens.params):
-        return False
+def stated_lens(facts: Any) -> Lens | None:
+    """The lens of these facts, the fields of a Lens as a JSON file has them; None if they are damaged, so that
+    `undistort` could not work with them. The orientation may be missing; what else is there is ignored."""
+    needed = ("model", "width", "height", "params")
+    if not (isinstance(facts, dict) and all(name in facts for name in needed)):
+        return None
+    (model, width, height, params), orientation = (facts[name] for name in needed), facts.get("orientation", 1)
+    is_model = isinstance(model, str) and model in MODELS
+    is_turn = type(orientation) is int and orientation in TURNS
+    are_sides = all(type(side) is int and 0 < side < 1 << 64 for side in (width, height))  # pycolmap takes no larger
+    are_params = isinstance(params, list) and all(
+        type(value) in (int, float) and abs(value) < LARGEST_PX for value in params
+    )
+    if not (is_model and is_turn and are_sides and are_params):
+        return None
+    lens = Lens(model, width, height, params, orientation)
     camera = colmap_camera(lens)
-    return camera.verify_params() and not camera.is_spherical() and is_usable(camera)
+    return lens if camera.verify_params() and not camera.is_spherical() and is_usable(camera) else None
 
 
 def is_pinhole(camera: pycolmap.Camera) -> bool:

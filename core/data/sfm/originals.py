@@ -4,7 +4,7 @@ the files, what the scene calls them, and their lenses."""
 from pathlib import Path
 
 from core.data.made import MADE_OF, read_mark, stamp
-from core.data.photos.distortion import colmap_camera, is_sound
+from core.data.photos.distortion import colmap_camera, stated_lens
 from core.data.photos.folder import list_photos
 from core.data.placing import is_usual
 from core.scene.lens import Lens
@@ -12,7 +12,6 @@ from core.scene.lens import Lens
 # In the scene's folder, beside MADE_OF, which holds the files it was made of, each with its stamp:
 NAMES = "names.json"  # what it calls the photo of each file that could be read
 LENSES = "lenses.json"  # the lens through which each of its photos was taken, before it was undistorted
-LENS = {"model", "width", "height", "params"}  # what is known of a lens
 
 
 def files_of(photos: Path) -> dict[str, list[int]]:
@@ -43,12 +42,8 @@ def lenses_of(scene: Path) -> dict[str, Lens]:
     """The lenses through which the photos were taken, by the scene's names;
     empty for a scene that wegs did not make."""
     found = read_mark(scene / LENSES) if (scene / MADE_OF).is_file() else {}
-    lenses = {
-        name: Lens(**{field: value for field, value in facts.items() if field in (*LENS, "orientation")})
-        for name, facts in found.items()
-        if isinstance(facts, dict) and LENS <= facts.keys()
-    }
-    return {name: lens for name, lens in lenses.items() if is_sound(lens)}
+    lenses = {name: stated_lens(facts) for name, facts in found.items()}
+    return {name: lens for name, lens in lenses.items() if lens is not None}
 
 
 def placed_of(scene: Path) -> tuple[int, int, int] | None:

@@ -46,6 +46,9 @@ def test_damaged_lenses_are_left_out(tmp_path):
         "b.jpg": sound | {"model": "TELESCOPE"},
         "c.jpg": sound | {"params": [150.0]},
     }
+    odd = [{"model": ["PINHOLE"]}, {"width": -5}, {"height": 1 << 70}, {"params": None}, {"orientation": [1]}]
+    odd += [{"params": [10**400, 80.0, 60.0]}, {"params": [150.0, "80", 60.0]}]
+    lenses |= {f"odd_{number}.jpg": sound | values for number, values in enumerate(odd)}
     write_json(tmp_path / MADE_OF, {})
     write_json(tmp_path / LENSES, lenses | {"d.jpg": 7, "e.jpg": {"model": "PINHOLE"}})
     assert list(lenses_of(tmp_path)) == ["a.jpg"] and lenses_of(tmp_path)["a.jpg"].params == sound["params"]

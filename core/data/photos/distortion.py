@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from core.errors import BadInput
 from core.scene.camera import LARGEST_PX, Camera
 from core.scene.lens import Lens
 
@@ -13,6 +14,7 @@ NEGLIGIBLE_PX = 0.01  # a lens that moves no pixel of the photo farther than thi
 ROUND_TRIP_PX = 1.0  # a pixel whose ray does not lead back to it lies where the lens formula folds over
 NODES = 65  # a side of a grid of pixels; if all of their rays lead back to them, so do those of the others
 BLOCK_PIXELS = 1 << 20  # rays are followed in blocks of rows, to bound memory
+LARGEST_REMAPPED_PX = 32_766  # a side, of the pictures that OpenCV's remap takes and makes
 MODELS = pycolmap.CameraModelId.__members__.keys() - {"INVALID"}
 
 # EXIF orientation -> rotation from the camera of the stored pixels to that of the displayed ones. The others are
@@ -114,9 +116,14 @@ def undistort(pixels: np.ndarray, lens: Lens, camera: Camera) -> tuple[np.ndarra
 
     pixels: (h, w, channels) uint8 at any size of the lens's aspect; stored, not displayed, where the lens has an
     orientation other than 1. Returns (H, W, channels) uint8 and (H, W) bool. Bicubic, as bilinear would blur twice
-    together with the resizing that follows.
+    together with the resizing that follows. Raises BadInput for sides beyond LARGEST_REMAPPED_PX.
     """
     height, width = pixels.shape[:2]
+    if max(width, height, camera.width, camera.height) > LARGEST_REMAPPED_PX:
+        raise BadInput(
+            f"A picture of {width} x {height} px is too large to be undistorted.",
+            f"Use a smaller copy, or train on shrunk photos (-r 4): {LARGEST_REMAPPED_PX:,} px a side are possible.",
+        )
     turn = TURNS[lens.orientation]
     model = colmap_camera(lens)
     to_pixels = np.array([width / lens.width, height / lens.height])

@@ -8,9 +8,11 @@ import pytest
 from PIL import Image
 
 from core.data import load_collection
+from core.data.collection import Photo
 from core.data.photos import distortion
 from core.data.photos.file import ORIENTATION
 from core.data.photos.pixels import load_photo
+from core.errors import BadInput
 from core.scene.camera import Camera
 from tests.data.checks import notes_with
 from tests.data.small_scene import HEIGHT, LENSES, WIDTH, SmallScene, add_exif, centroid, exif_block
@@ -159,6 +161,19 @@ def test_large_pictures_are_done_in_blocks(monkeypatch):
     monkeypatch.setattr(distortion, "BLOCK_PIXELS", 7 * WIDTH)
     parts = picture_through("OPENCV", LENSES["OPENCV"])
     assert (whole[0] == parts[0]).all() and (whole[1] == parts[1]).all()
+
+
+def test_a_picture_larger_than_opencv_remaps_is_refused_unless_it_is_shrunk(tmp_path):
+    width, height = distortion.LARGEST_REMAPPED_PX + 2, 8
+    Image.new("L", (width, height)).save(tmp_path / "wide.png")
+    lens = pycolmap.Camera(
+        model="SIMPLE_RADIAL", width=width, height=height, params=[width, width / 2, height / 2, -0.1]
+    )
+    camera = Camera(np.eye(3), np.zeros(3), *distortion.pinhole(lens, width, height), width, height)
+    photo = Photo("wide.png", tmp_path / "wide.png", camera, "train", lens=distortion.lens_of(lens))
+    with pytest.raises(BadInput, match=r"A picture of 32768 x 8 px is too large to be undistorted\. .*-r 4"):
+        load_photo(photo, width, height)
+    assert load_photo(photo, width // 4, height // 4).pixels.shape == (height // 4, width // 4, 3)
 
 
 @pytest.mark.parametrize("strength, folds", [(-1.6, True), (-0.6, True), (-0.05, False), (0.0, False), (0.4, False)])

@@ -10,7 +10,7 @@ from core.data.given_masks import with_masks_by_name
 from core.data.photos.folder import copies_among
 from core.data.placing import Placing
 from core.data.posed import Points, Posed
-from core.data.split import none_held_out, split_photos
+from core.data.split import Split, none_held_out, split_photos
 from core.errors import BadInput, command
 from core.scene.frame import SceneFrame
 from core.words import Note, counted, name_them
@@ -33,22 +33,29 @@ def collect(root: Path, posed: Posed, all_photos: bool) -> Collection:
             f"Correct {posed.source}, or have the cameras found anew: {command('wegs', 'sfm', 'PHOTOS', '-o', 'SCENE')}"
         )
         raise _unusable(f"No photo of {posed.source} can be used", posed, placing, anew)
-    splits, split_notes, source = _split(root, posed, list(placed))
-    if not splits or not (all_photos or "train" in splits.values()):
-        more = ", or train on what is held out with --all-photos" if splits else ""
-        fix = f"Correct or remove {source.name}{more}."
-        raise _unusable(f"{source} leaves no photo to train on", posed, placing, fix, split_notes)
+    split = _split(root, posed, list(placed))
+    if not split.of_photo or not (all_photos or "train" in split.of_photo.values()):
+        more = ", or train on what is held out with --all-photos" if split.of_photo else ""
+        fix = f"Correct or remove {split.source.name}{more}."
+        raise _unusable(f"{split.source} leaves no photo to train on", posed, placing, fix, split.notes)
     points, points_notes = _points(posed)
     centres = np.array([found.camera.centre for found in placed.values()])
     frame = SceneFrame.around(points.positions if len(points.positions) else centres)
     seen = points.seen or {}
     nothing = np.empty(0, np.int64)
     photos = tuple(
-        Photo(name, named[name].path, found.camera.in_scene(frame), splits[name], seen.get(name, nothing), found.lens)
+        Photo(
+            name,
+            named[name].path,
+            found.camera.in_scene(frame),
+            split.of_photo[name],
+            seen.get(name, nothing),
+            found.lens,
+        )
         for name, found in placed.items()
-        if name in splits
+        if name in split.of_photo
     )
-    notes = posed.notes + placing.notes() + split_notes + points_notes
+    notes = posed.notes + placing.notes() + split.notes + points_notes
     notes += [Note(line, harmless=True) for line in frame.offset_lines()] + _copies_held_out(photos)
     notes += name_them(
         "without any SfM point", [photo.name for photo in photos if photo.name in seen and not len(photo.points)]
@@ -111,14 +118,13 @@ def _copies_held_out(photos: Sequence[Photo]) -> list[Note]:
     return name_them("held out though a copy of a training photo, so figures are too good", names, of_split=True)
 
 
-def _split(root: Path, posed: Posed, names: list[str]) -> tuple[dict[str, str], list[Note], Path]:
-    """The split of each placed photo, notes, and the file that says so:
-    what the posed photos say or, if they say nothing, as `split_photos`."""
+def _split(root: Path, posed: Posed, names: list[str]) -> Split:
+    """The split of the placed photos: as the scene's files say or, if they say nothing, as `split_photos`."""
     said = {photo.name: photo.split for photo in posed.photos if photo.split}
     if not said:
         return split_photos(root, posed.source, names, {photo.name for photo in posed.photos})
-    splits = {name: said[name] for name in names}
+    of_photo = {name: said[name] for name in names}
     why = f"{posed.source.name} holds out no photo"
     if "test" in said.values():
         why = "No photo that is held out can be used"
-    return splits, none_held_out(splits, why), posed.source
+    return Split(of_photo, none_held_out(of_photo, why), posed.source)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 from core.data.made import digest, read_mark
 from core.data.photos.names import rows_that_mean
@@ -18,11 +19,16 @@ COMMENT = "# "  # begins a line of any of these lists that names no photo
 COPIED = "lists.json"
 
 
-def split_photos(
-    root: Path, model: Path, names: list[str], in_model: set[str]
-) -> tuple[dict[str, str], list[Note], Path]:
-    """The split of each usable photo ("train" or "test";
-    photos in neither are left out), notes, and the file that says so, or `model`.
+class Split(NamedTuple):
+    """of_photo: "train" or "test" by the names of photos; those in neither are left out. source: what says so."""
+
+    of_photo: dict[str, str]
+    notes: list[Note]
+    source: Path
+
+
+def split_photos(root: Path, model: Path, names: list[str], in_model: set[str]) -> Split:
+    """The split of the usable photos, as a file says; if none does, every eighth is held out, and `model` the source.
 
     A .tsv or one of TEST_LISTS, in upper or lower case, is looked for in `root`, in the folder `model` (as in the
     original 3DGS) and in those between them, such as dense/. names: the usable photos, sorted. in_model: all photos of
@@ -34,33 +40,16 @@ def split_photos(
     unlike = f"holds no split, not used: its first line does not name {', '.join(sorted(COLUMNS))}, tab-separated."
     no_splits = [Note(f"{path.name} {unlike}") for path in others]
     lists = [path for folder in places for path in _find(folder, *TEST_LISTS)]
-    if tables:
-        source = tables[0]
-        splits, notes = _by_table(source, names, in_model)
-        if len(tables) > 1:
-            notes.append(
-                Note(
-                    f"Several split tables: {source.name} is used, "
-                    f"{list_names([path.name for path in tables[1:]])} not."
-                )
-            )
-    elif lists:
-        source = lists[0]
-        splits, notes = _by_list(source, names, in_model)
-    elif len(names) == 1:
-        return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True), *no_splits], model
-    else:
-        splits = {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}
-        every = (
-            f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing; "
-            "`--all-photos` trains on all."
-        )
-        return (
-            splits,
-            [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve()), *no_splits],
-            model,
-        )
-    return splits, notes + none_held_out(splits, f"{source.name} holds out none of these photos") + no_splits, source
+    if not tables and not lists:
+        of_photo, notes = _every_eighth(root, names)
+        return Split(of_photo, notes + no_splits, model)
+    source = (tables or lists)[0]
+    of_photo, notes = (_by_table if tables else _by_list)(source, names, in_model)
+    if len(tables) > 1:
+        unused = list_names([path.name for path in tables[1:]])
+        notes.append(Note(f"Several split tables: {source.name} is used, {unused} not."))
+    notes += none_held_out(of_photo, f"{source.name} holds out none of these photos")
+    return Split(of_photo, notes + no_splits, source)
 
 
 def none_held_out(splits: dict[str, str], why: str) -> list[Note]:
@@ -118,6 +107,17 @@ def _lists_without_effect(root: Path) -> list[Note]:
     if _find(root, TRAINING_LIST):
         notes.append(Note(f"{TRAINING_LIST} is not used: there is no {TEST_LISTS[1]} beside it.", of_split=True))
     return notes
+
+
+def _every_eighth(root: Path, names: list[str]) -> tuple[dict[str, str], list[Note]]:
+    if len(names) == 1:
+        return {names[0]: "train"}, [Note("One photo: none is held out for testing.", harmless=True)]
+    every = (
+        f"No split .tsv and no {TEST_LISTS[0]}: every {EVERY}th photo by name is held out for testing; "
+        "`--all-photos` trains on all."
+    )
+    notes = [Note(every, harmless=True, of_split=True), *_lists_without_effect(root.resolve())]
+    return {name: "test" if index % EVERY == 0 else "train" for index, name in enumerate(names)}, notes
 
 
 def _by_table(path: Path, names: list[str], in_model: set[str]) -> tuple[dict[str, str], list[Note]]:

@@ -5,11 +5,10 @@ From a folder to a Collection: `load` finds out the kind; `formats` reads what i
 say what is held out, `found_file` finds misnamed photos, `given_masks` adds masks, `transparency` says what transparent
 pixels mean.
 
-What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `kept_cameras` with `reconstruct`
-(`usable`, `features`, `likely_pairs`, `guided`, `mapping`, `upright`; `kept_matches` lets a stopped search continue;
-`originals` remembers the photos as they were), points by `kept_points` with `triangulate` and `silhouettes`; `room`
-checks for space on the disk. `made` recognises what was made before. `pose` tells the camera of a photo from points
-that it shows.
+What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `reconstruct` (`usable`, `features`,
+`likely_pairs`, `guided`, `mapping`, `upright`; `kept_matches` lets a stopped search continue; `originals` remembers the
+photos as they were), points by `kept_points` with `triangulate` and `silhouettes`; `room` checks for space on the disk.
+`made` recognises what was made before. `pose` tells the camera of a photo from points that it shows.
 
 From a photo to pixels, in `photos`: `folder` lists files, `names` says what else they may be called, `lookalikes` finds
 files of the same picture, `file` reads headers, `stored` decodes, `pixels` turns, undistorts (`distortion`) and fills

@@ -6,10 +6,11 @@ from pathlib import Path
 from core.config import Settings
 from core.data.collection import Collection
 from core.data.given_masks import with_masks_in
-from core.data.load import find_kind, find_photos, load_collection, warn_of_others
-from core.data.sfm.kept_cameras import scene_of_photos
+from core.data.load import find_kind, find_photos, load_collection, scene_around, warn_of_others
+from core.data.made import made_once
+from core.data.sfm import originals
 from core.data.sfm.kept_points import points_beside
-from core.data.sfm.originals import shortfall
+from core.data.sfm.reconstruct import reconstruct
 from core.data.split import copy_lists
 from core.data.transparency import transparent_may_be_empty
 from core.report import Report
@@ -29,7 +30,7 @@ def prepared(
     plain = find_kind(scene) == "photos"
     if plain:
         scene = _with_cameras(scene, wanted, report)
-    if words := shortfall(scene):
+    if words := originals.shortfall(scene):
         report.warn(words)
 
     def read(folder: Path) -> Collection:
@@ -49,3 +50,24 @@ def _with_cameras(scene: Path, wanted: Path, report: Report) -> Path:
     made = scene_of_photos(photos, wanted, report)
     copy_lists((photos, scene), made)
     return made
+
+
+def scene_of_photos(photos: Path, wanted: Path, report: Report) -> Path:
+    """The folder of the COLMAP scene made of the photos in the folder `photos`, which is made now unless it exists.
+
+    wanted: the name of the folder, to which a number is added if another scene has it. A scene is used again only for
+    the very same files (name, size and modification time of each). Errors: as `reconstruct`.
+    """
+    files = originals.files_of(photos)
+
+    def is_of_these(scene: Path) -> bool:
+        return originals.is_made_of(scene, files)
+
+    def make(scene: Path) -> None:
+        if around := scene_around(photos):
+            report.warn(
+                f"{around[0]} is a {around[1]} scene: give that folder to use its cameras. Now they are found anew."
+            )
+        reconstruct(photos, scene, report)
+
+    return made_once(wanted, originals.MADE_OF, is_of_these, make, "Cameras as found", report)

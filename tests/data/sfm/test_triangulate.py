@@ -14,10 +14,9 @@ import pytest
 
 from core.data import load_collection
 from core.data.photos.pixels import load_photo
-from core.data.prepare import prepared
+from core.data.prepare import prepared, scene_of_photos
 from core.data.sfm import kept_points
 from core.data.sfm.features import DATABASE
-from core.data.sfm.kept_cameras import scene_of_photos
 from core.data.sfm.triangulate import NEAREST, SPREAD, partners, sampson_distance_px, triangulate
 from core.doctor import examine
 from core.errors import BadInput
@@ -292,7 +291,7 @@ def test_a_damaged_and_an_empty_photo_do_no_harm(corner, tmp_path):
 
 
 def test_plain_photos_beside_a_description_are_pointed_to_it(corner, tmp_path, monkeypatch):
-    monkeypatch.setattr("core.data.sfm.kept_cameras.reconstruct", lambda photos, output, report: output.mkdir())
+    monkeypatch.setattr("core.data.prepare.reconstruct", lambda photos, output, report: output.mkdir())
     (tmp_path / "images").mkdir()
     shutil.copy(corner / "1.png", tmp_path / "images")
     shutil.copy(corner / "transforms.json", tmp_path)

@@ -2,8 +2,9 @@
 
 import pytest
 
-from core.data.sfm import kept_cameras, originals
-from core.data.sfm.kept_cameras import scene_of_photos
+from core.data import prepare
+from core.data.prepare import scene_of_photos
+from core.data.sfm import originals
 from core.system.atomic import replacing_folder, write_json
 from tests.heard import Heard
 from tests.small import small_collection
@@ -20,7 +21,7 @@ def calls(monkeypatch):
         write_json(output / originals.MADE_OF, originals.files_of(photos))
         return output
 
-    monkeypatch.setattr(kept_cameras, "reconstruct", reconstruct)
+    monkeypatch.setattr(prepare, "reconstruct", reconstruct)
     return names
 
 
@@ -88,7 +89,7 @@ def test_of_two_trainings_begun_at_once_the_slower_takes_what_the_faster_found_i
                 output.mkdir()
                 write_json(output / originals.MADE_OF, made_by_the_faster[output])
 
-    monkeypatch.setattr(kept_cameras, "reconstruct", reconstruct)
+    monkeypatch.setattr(prepare, "reconstruct", reconstruct)
     same, other = tmp_path / "a", tmp_path / "b"
     made_by_the_faster |= {same: originals.files_of(photos), other: {"/other/1.jpg": [1, 2]}}
     heard = Heard()

@@ -7,8 +7,8 @@ pixels mean.
 
 What a scene lacks for training is made by `prepare`, with `sfm`: cameras by `reconstruct` (`usable`, `features`,
 `likely_pairs`, `guided`, `mapping`, `upright`; `kept_matches` lets a stopped search continue; `originals` remembers the
-photos as they were), points by `kept_points` with `triangulate` and `silhouettes`; `room` checks for space on the disk.
-`made` recognises what was made before. `pose` tells the camera of a photo from points that it shows.
+photos as they were), points by `kept_points` with `triangulate` and `silhouettes`; `disk_space` checks that there is
+room. `made` recognises what was made before. `pose` tells the camera of a photo from points that it shows.
 
 From a photo to pixels, in `photos`: `folder` lists files, `names` says what else they may be called, `lookalikes` finds
 files of the same picture, `file` reads headers, `stored` decodes, `pixels` turns, undistorts (`distortion`) and fills

@@ -11,7 +11,7 @@ from PIL import Image
 
 from core.data.collection import Photo
 from core.data.photos.pixels import load_photo
-from core.data.sfm.room import check_growth
+from core.data.sfm.disk_space import check_growth
 from core.errors import BadInput
 from core.report import Report
 from core.scene.camera import Camera

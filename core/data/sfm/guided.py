@@ -13,8 +13,8 @@ import numpy as np
 import pycolmap
 from pycolmap import TwoViewGeometryConfiguration as Configuration
 
+from core.data.sfm.disk_space import check_growth
 from core.data.sfm.features import DATABASE, LEAST_INLIERS, PAIR_BYTES, USUAL_RATIO, images_in
-from core.data.sfm.room import check_growth
 from core.kernels.compiled import kernel
 from core.report import Report
 from core.system.threads import in_parallel

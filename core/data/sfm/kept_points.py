@@ -10,7 +10,7 @@ from core.data.formats.colmap import read_points
 from core.data.formats.model_file import read_model
 from core.data.made import made_once, moved_together, path_from, read_mark, relative_path_to, stamp
 from core.data.posed import Points
-from core.data.sfm.room import write_model
+from core.data.sfm.disk_space import write_model
 from core.data.sfm.silhouettes import points_in_silhouettes
 from core.data.sfm.triangulate import triangulate
 from core.errors import BadInput

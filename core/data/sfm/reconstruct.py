@@ -16,13 +16,13 @@ from core.data.photos.distortion import lens_of, pinhole, undistort
 from core.data.photos.file import upright_exif
 from core.data.photos.folder import list_gone, list_photos, list_unreadable
 from core.data.photos.pixels import off_white, read_pixels
+from core.data.sfm.disk_space import check_room, write_model
 from core.data.sfm.features import JPEG_QUALITY, LEAST_PHOTOS, PHOTOS, extract, match
 from core.data.sfm.guided import guide
 from core.data.sfm.kept_matches import keep_if_of, work_kept_if_stopped
 from core.data.sfm.likely_pairs import likely_pairs
 from core.data.sfm.mapping import map_photos
 from core.data.sfm.originals import LENSES, MADE_OF, NAMES, files_of
-from core.data.sfm.room import check_room, write_model
 from core.data.sfm.upright import turn_upright
 from core.data.sfm.usable import StoredTwice, UsablePhoto, usable_photos
 from core.data.split import copy_lists

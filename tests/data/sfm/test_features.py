@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 
 from core.data.collection import Photo
-from core.data.sfm import features, room
+from core.data.sfm import disk_space, features
 from core.data.sfm.features import DATABASE, PHOTOS, extract, match, write_pictures
 from core.report import QUIET
 from core.scene.camera import Camera
@@ -37,12 +37,12 @@ def test_photos_that_cannot_be_decoded_count_as_done(work):
 
 def test_a_disk_with_hardly_any_room_is_full_before_pycolmap_ends_the_program(work, monkeypatch):
     with monkeypatch.context() as patch:
-        leave_on_disk(room.SPARE_BYTES, patch)
+        leave_on_disk(disk_space.SPARE_BYTES, patch)
         with pytest.raises(OSError) as caught:
             extract(work, NAMES, QUIET)
         assert caught.value.errno == errno.ENOSPC
     extract(work, NAMES, QUIET)
-    leave_on_disk(room.SPARE_BYTES, monkeypatch)
+    leave_on_disk(disk_space.SPARE_BYTES, monkeypatch)
     with pytest.raises(OSError) as caught:
         match(work, [tuple(NAMES)], QUIET)
     assert caught.value.errno == errno.ENOSPC

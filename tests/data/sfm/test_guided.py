@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 
 from core.data.formats.model_file import quiet
-from core.data.sfm import room
+from core.data.sfm import disk_space
 from core.data.sfm.features import DATABASE, LEAST_INLIERS, PHOTOS, SEED, extract, match
 from core.data.sfm.guided import AT_POINTS, BYTES, LARGEST, NEAR_PX, ON_LINES, Features, guide, guided_matches
 from core.report import QUIET
@@ -127,7 +127,7 @@ def test_matches_are_as_defined(config, counts):
 
 def test_a_disk_with_hardly_any_room_is_reported(verified, monkeypatch):
     work, pairs = verified
-    leave_on_disk(room.SPARE_BYTES, monkeypatch)
+    leave_on_disk(disk_space.SPARE_BYTES, monkeypatch)
     with pytest.raises(OSError, match="No space left"):
         guide(work, pairs, QUIET)
 

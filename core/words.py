@@ -20,16 +20,21 @@ def on_one_line(text: str) -> str:
 @dataclass(frozen=True)
 class Note:
     """A line for the user about what was found. harmless: nothing needs to be done.
-    of_split: it no longer applies if no photo is held out."""
+    of_split: it no longer applies if no photo is held out.
+    of_cameras: it is a figure of the cameras, which `wegs doctor` has a check of its own for."""
 
     text: str
     harmless: bool = False
     of_split: bool = False
+    of_cameras: bool = False
 
 
-def name_them(what: str, names: list[str], harmless: bool = False, of_split: bool = False) -> list[Note]:
+def name_them(
+    what: str, names: list[str], harmless: bool = False, of_split: bool = False, of_cameras: bool = False
+) -> list[Note]:
     """A note that counts and names photos, "3 photos WHAT: a.jpg, b.jpg, c.jpg"; an empty list without photos."""
-    return [Note(f"{counted(len(names), 'photo')} {what}: {list_names(names)}", harmless, of_split)] if names else []
+    line = f"{counted(len(names), 'photo')} {what}: {list_names(names)}"
+    return [Note(line, harmless, of_split, of_cameras)] if names else []
 
 
 class Reasons:

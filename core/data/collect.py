@@ -65,6 +65,7 @@ def collect(root: Path, posed: Posed, all_photos: bool) -> Collection:
         f"whose camera stands over {ASTRAY_RATIO:.0f} times as far off as is usual, used all the same",
         far,
         harmless=True,
+        of_cameras=True,
     )
     positions = frame.to_scene(points.positions)
     notes += _contradicted(photos, positions)

@@ -96,7 +96,8 @@ class Placing:
         few = 2 * len(self.unusual) <= self.placed
         many = f"of {self.placed} with a focal length that no lens has, so expect a poor scene"
         what = "with an unusual focal length, used all the same" if few else many
-        notes = self.said.notes() + name_them(what, self.unusual, harmless=few) + self._of_another_size()
+        notes = self.said.notes() + name_them(what, self.unusual, harmless=few, of_cameras=True)
+        notes += self._of_another_size()
         return [*notes, Note(undistorted, harmless=True)] if self.undistorted else notes
 
     def _of_another_size(self) -> list[Note]:

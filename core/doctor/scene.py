@@ -51,7 +51,7 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
             f"{collection.kind}, {train:,} training and {counted(test, 'test photo')}",
             "what `wegs train` would read",
         ),
-        *map(_note, collection.notes),
+        *(_reading(note) for note in collection.notes if not note.of_cameras),
         *placed_photos(root),
         *_cameras(collection),
         *_points(collection),
@@ -60,7 +60,7 @@ def examine_scene(root: Path, report: Report) -> list[Finding]:
     ]
 
 
-def _note(note: Note) -> Finding:
+def _reading(note: Note) -> Finding:
     """A note from reading the scene as a finding, with advice unless it is harmless."""
     advice = "" if note.harmless else "Correct it unless it is meant."
     return Finding("reading", note.text.rstrip("."), "said while the scene was read", advice)

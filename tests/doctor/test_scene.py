@@ -156,6 +156,14 @@ def test_cameras_out_of_the_ordinary(tmp_path, params, name, figure):
     assert findings[name].figure.startswith(figure) and bool(findings[name].advice) == (figure != "none")
 
 
+def test_a_camera_out_of_the_ordinary_is_named_with_advice_and_not_said_to_be_used_all_the_same(tmp_path):
+    _, heard = examined(stray_scene(tmp_path / "far"))
+    assert [line.split(":")[0] for line in heard.lines if "as far off as" in line] == ["! !! cameras astray"]
+    _, heard = examined(replace(SmallScene(), params=[3e6, 3e6, 80, 60]).write(tmp_path / "narrow"))
+    named = [line.split(":")[0] for line in heard.lines if "focal length" in line and "photo_0.png" in line]
+    assert named == ["! !! odd focal lengths"]
+
+
 def test_photos_without_points_or_cameras(tmp_path):
     scene = SmallScene(points=np.array([[0.0, 0.0, 3.0]]))
     findings, _ = examined(scene.write(tmp_path / "scene"))

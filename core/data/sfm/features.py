@@ -43,6 +43,8 @@ def write_pictures(posed: list[tuple[Photo, Camera]], work: Path, report: Report
     Their names are numbers, because COLMAP splits its list of pairs at spaces. Photos that cannot be decoded are left
     out.
     """
+    for folder in (PHOTOS, MASKS):
+        (work / folder).mkdir(exist_ok=True)
     cameras = {}
     for number, (photo, camera) in enumerate(posed, 1):
         name = f"{number:06d}.jpg"
@@ -60,8 +62,6 @@ def _write_picture(photo: Photo, camera: Camera, work: Path, name: str) -> Camer
     shown = np.ones(loaded.pixels.shape[:2], bool) if loaded.valid is None else loaded.valid
     if loaded.empty is not None:
         shown &= loaded.empty < HALF
-    for folder in (PHOTOS, MASKS):
-        (work / folder).mkdir(exist_ok=True)
     Image.fromarray(loaded.pixels).save(work / PHOTOS / name, quality=JPEG_QUALITY)
     Image.fromarray(shown * np.uint8(255)).save(work / MASKS / f"{name}.png")  # COLMAP reads no photo that lacks one
     return camera

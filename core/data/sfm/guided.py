@@ -81,9 +81,8 @@ def guided_matches(first: Features, second: Features, geometry: pycolmap.TwoView
     nearest, partner = np.full((both, 2), FAR, np.int32), np.full(both, -1, np.int32)
     matrix = geometry.H if at_points else _fundamental(first, second, geometry)
     assert matrix is not None  # COLMAP stores what the configuration says
-    most_alike_near(
-        *first[:2], *second[:2], matrix.astype(np.float32), at_points, np.float32(NEAR_PX**2), nearest, partner
-    )
+    features = (first.pixels, first.descriptors, second.pixels, second.descriptors)
+    most_alike_near(*features, matrix.astype(np.float32), at_points, np.float32(NEAR_PX**2), nearest, partner)
     clear = (nearest[:, 0] <= LARGEST**2) & (nearest[:, 0] < USUAL_RATIO**2 * nearest[:, 1])
     partners = partner[:n]
     chosen = np.flatnonzero(clear[:n] & clear[n + partners] & (partner[n + partners] == np.arange(n)))

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from core.data.formats.text_model import fault_in, is_pose
+from core.data.formats.text_model import fault_in, is_pose, parameters_of
 from core.errors import BadInput
 from core.system.atomic import temporary_root
 
@@ -256,7 +256,7 @@ def _whole(data: bytes, end_of_record: Callable[[bytes, int], int]) -> bool:
 
 def _end_of_camera(data: bytes, start: int) -> int:
     model = pycolmap.CameraModelId(_integer(data, start + 4, "i"))
-    return start + 24 + 8 * len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 2, 2).params)
+    return start + 24 + 8 * parameters_of(model)
 
 
 def _end_of_image(data: bytes, start: int) -> int:

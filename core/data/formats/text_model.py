@@ -69,6 +69,11 @@ def is_pose(line: str) -> bool:
     return False
 
 
+def parameters_of(model: pycolmap.CameraModelId) -> int:
+    """How many parameters a camera of this model has."""
+    return len(pycolmap.Camera.create_from_model_id(1, model, 1.0, 2, 2).params)
+
+
 def _check(columns: Sequence[str], words: Sequence[str]) -> None:
     for column, word in zip_longest(columns, words[: len(columns)]):
         if word is None:
@@ -80,7 +85,7 @@ def _check(columns: Sequence[str], words: Sequence[str]) -> None:
 def _check_lens(model: str, params: Sequence[str]) -> None:
     if model not in MODELS:
         raise _BadLine(f"there is no camera model {model}")
-    wanted = len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.__members__[model], 1.0, 2, 2).params)
+    wanted = parameters_of(pycolmap.CameraModelId.__members__[model])
     if len(params) != wanted:
         raise _BadLine(f"{counted(len(params), 'parameter')}, not the {wanted} of a {model} camera")
     _check([f"parameter {number}" for number in range(1, wanted + 1)], params)

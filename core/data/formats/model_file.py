@@ -211,7 +211,7 @@ def _without_tracks(path: Path) -> bytes:
     data = path.read_bytes()
     if path.suffix == ".txt":
         return b"\n".join(b" ".join(line.split()[:TRACK_COLUMN]) for line in data.splitlines())
-    points = _points_and_observers(data)[0].copy()
+    points, _ = _points_and_observers(data)
     points["photos"] = 0
     return data[:8] + points.tobytes()
 
@@ -219,13 +219,13 @@ def _without_tracks(path: Path) -> bytes:
 def _points_and_observers(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """The points (P,), each a POINT, in a whole binary file of them, and the image ids (N,) of their tracks,
     one track after the other."""
-    points, tracks, start = [], [], 8
+    points, tracks, start = bytearray(), bytearray(), 8
     while start < len(data):
         track, end = start + POINT.itemsize, _end_of_point(data, start)
-        points.append(data[start:track])
-        tracks.append(data[track:end])
+        points += data[start:track]
+        tracks += data[track:end]
         start = end
-    return np.frombuffer(b"".join(points), POINT), np.frombuffer(b"".join(tracks), "<u4")[::2]
+    return np.frombuffer(points, POINT), np.frombuffer(tracks, "<u4")[::2]
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """The camera of a photo, from points that it shows (pycolmap)."""
 
+import tempfile
 from contextlib import suppress
 from copy import copy
 from pathlib import Path
@@ -7,25 +8,46 @@ from typing import NamedTuple
 
 import numpy as np
 import pycolmap
+from PIL import Image
 
+from core.data.photos.file import probe, upright_exif
 from core.data.placing import focal_length_of, is_usual
 from core.data.sfm.features import SEED
 from core.scene.camera import Camera
+from core.system.atomic import temporary_root
 
 USUAL_FOCAL_LENGTH = 1.2  # long sides, COLMAP's guess to start from
+STAND_IN_PX = 1000  # the longer side of a JPEG that only tells COLMAP the shape and the EXIF of a photo
 
 
 def pinhole_of(path: Path, width: int, height: int) -> pycolmap.Camera:
-    """A pinhole of this size (px), with the focal length of the photo's EXIF if it gives one."""
-    length, known = USUAL_FOCAL_LENGTH, False
-    with suppress(ValueError):  # a format that COLMAP does not read
-        said = pycolmap.infer_camera_from_image(path)
-        if said.has_prior_focal_length:
-            length, known = focal_length_of(said), True
-    params = [length * max(width, height), width / 2, height / 2]
+    """A pinhole of this size (px), with the focal length of the photo's EXIF if it gives one.
+    Raises BadInput for a file that is no photo."""
+    in_exif = _focal_length_in_exif(path)
+    params = [(in_exif or USUAL_FOCAL_LENGTH) * max(width, height), width / 2, height / 2]
     lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=params)
-    lens.has_prior_focal_length = known
+    lens.has_prior_focal_length = in_exif is not None
     return lens
+
+
+def _focal_length_in_exif(path: Path) -> float | None:
+    """The focal length over the longer side, as COLMAP reads it from EXIF. It does so in JPEGs only: of other photos,
+    the EXIF is put into a black JPEG of the same shape."""
+    header = probe(path)
+    if header.is_jpeg:
+        return _focal_length_in_jpeg(path)
+    black = Image.new("L", (header.width, header.height))
+    black.thumbnail((STAND_IN_PX, STAND_IN_PX))
+    with tempfile.TemporaryDirectory(dir=temporary_root()) as folder:
+        black.save(Path(folder, "exif.jpg"), exif=upright_exif(header.exif))
+        return _focal_length_in_jpeg(Path(folder, "exif.jpg"))
+
+
+def _focal_length_in_jpeg(path: Path) -> float | None:
+    with suppress(ValueError):  # COLMAP cannot read it
+        camera = pycolmap.infer_camera_from_image(path)
+        return focal_length_of(camera) if camera.has_prior_focal_length else None
+    return None
 
 
 class Pose(NamedTuple):

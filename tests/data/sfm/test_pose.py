@@ -3,8 +3,11 @@
 import numpy as np
 import pycolmap
 import pytest
+from PIL import ExifTags, Image
+from pillow_heif import from_pillow
 
-from core.data.sfm.pose import pose_of
+from core.data.photos.file import ORIENTATION, probe
+from core.data.sfm.pose import USUAL_FOCAL_LENGTH, pinhole_of, pose_of
 
 FOCAL_PX = 600
 OFF_PX = 4.0
@@ -55,6 +58,30 @@ def test_the_focal_length_that_a_cropped_photo_still_gives_is_not_believed():
     given.has_prior_focal_length = True
     pose = pose_of(seen(points), points, given, OFF_PX)
     assert pose.inliers.all() and abs(pose.camera.fx / FOCAL_PX - 1) < 0.01
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_a_focal_length_in_exif_counts_in_photos_of_any_format(tmp_path, orientation):
+    tags = Image.Exif()
+    tags[ORIENTATION] = orientation
+    tags.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = 35
+    picture, focal_lengths = Image.new("RGB", (1600, 1200)), []
+    for suffix in (".jpg", ".png", ".webp", ".HEIC"):
+        path = tmp_path / f"a{suffix}"
+        (from_pillow(picture) if suffix == ".HEIC" else picture).save(path, exif=tags.tobytes())
+        size = probe(path).displayed
+        found = pinhole_of(path, *size)
+        assert (found.width, found.height) == size and found.has_prior_focal_length
+        focal_lengths.append(found.focal_length)
+    # COLMAP goes by the diagonal of a frame of 36 x 24 mm.
+    assert np.allclose(focal_lengths, 35 / np.hypot(36, 24) * 2000, rtol=1e-3, atol=0)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png"])
+def test_a_photo_without_exif_has_the_usual_focal_length(tmp_path, suffix):
+    Image.new("RGB", (160, 120)).save(tmp_path / f"a{suffix}")
+    found = pinhole_of(tmp_path / f"a{suffix}", 160, 120)
+    assert found.focal_length == USUAL_FOCAL_LENGTH * 160 and not found.has_prior_focal_length
 
 
 def test_nothing_is_seen_from_nowhere():

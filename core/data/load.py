@@ -33,10 +33,9 @@ POSED = {"colmap": read_colmap, "nerfstudio": read_transforms, "blender": read_b
 def load_collection(path: Path, all_photos: bool = False) -> Collection:
     """The posed photos in the folder `path`, of any kind but plain photos.
 
-    all_photos: hold none of them out.
     A scene without points (most often in NeRF's formats) becomes a collection without points; core.data.prepare adds
-    them. Photos that cannot be used are left out and named in the collection's notes. Raises BadInput if there is no
-    such folder, or no photo with a camera in it can be used.
+    them. Photos that cannot be used are left out and named in the collection's notes. all_photos: hold none of them
+    out. Raises BadInput if there is no such folder, or no photo with a camera in it can be used.
     """
     kind = find_kind(path)
     if kind == "photos":

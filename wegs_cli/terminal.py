@@ -81,7 +81,7 @@ class Terminal(Report):
 
     @_reader_may_leave()
     def progress(self, what: str, done: int, total: int, note: str = "", share: float | None = None) -> None:
-        note = on_one_line(note)
+        what, note = on_one_line(what), on_one_line(note)
         bar = self._advanced_bar(what, done, total, note, done / max(total, 1) if share is None else share)
         if not self.console.is_terminal and (done == total or time.monotonic() - self.told >= PLAIN_SECONDS):
             self.told = time.monotonic()
@@ -92,7 +92,7 @@ class Terminal(Report):
     @_reader_may_leave()
     def table(self, title: str, rows: Sequence[tuple[str, ...]], header: tuple[str, ...] = ()) -> None:
         self._end_bar()
-        rows = [tuple(map(on_one_line, row)) for row in rows]
+        title, rows = on_one_line(title), [tuple(map(on_one_line, row)) for row in rows]
         if not self.console.is_terminal:
             lines = [title, *_aligned([header, *rows])] if header else [": ".join(row) for row in rows]
             for line in lines:

@@ -122,12 +122,18 @@ def test_a_line_break_in_a_name_makes_no_second_line(capsys):
         watched.say("runs/a\nb: \x1b[2J")
         watched.warn("photo\r.jpg\u2028")
         watched.progress("Photos", 1, 1, "a\nb.jpg")
+        watched.progress("Refinement of a\nb", 1, 1)
         watched.table("Done", [("run", "a\nb")])
+        watched.table("Training: a\nb", [("a\nb", "default", "1")], ("curve", "choice", "s"))
     assert capsys.readouterr().out.splitlines() == [
         r"runs/a\nb: \x1b[2J",
         r"photo\r.jpg\u2028",
         r"Photos 1/1  a\nb.jpg",
+        r"Refinement of a\nb 1/1",
         r"run: a\nb",
+        r"Training: a\nb",
+        "curve  choice   s",
+        r"a\nb   default  1",
     ]
 
 

@@ -107,7 +107,7 @@ def _explain_command_line(problem: click.ClickException) -> str:
     takes_run = context and any("--run" in each.opts for each in context.command.params)
     if takes_run and message.startswith("Got unexpected extra argument"):
         advice = f" A run is named by --run.{advice}"
-    stop = "" if message.endswith((".", "?")) else "."
+    stop = "" if message.endswith((".", "?", "?)")) else "."
     return " ".join(message.split()) + stop + advice
 
 

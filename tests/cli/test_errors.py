@@ -254,6 +254,7 @@ def test_the_program_runs_where_another_program_catches_what_it_prints():
     [
         (["tarin", "photos"], "No such command 'tarin'. Did you mean 'train'?"),
         (["quit"], "No such command 'quit'. Try: wegs --help"),
+        (["train", "photos", "--stps", "3"], "'--steps'?) Try: wegs train --help"),
         (["evla"], "No such command 'evla'. Did you mean 'eval'? Try: wegs --help"),
         (["eval", "runs/x"], "Got unexpected extra argument (runs/x). A run is named by --run. Try: wegs eval --help"),
         (["doctor", "runs/x", "runs/y"], "Got unexpected extra argument (runs/y). Try: wegs doctor --help"),

@@ -169,7 +169,7 @@ def _colours(splats: Splats) -> list[Finding]:
     return [
         Finding(
             "colours",
-            f"{low:.2f} to {high:.2f} (1 to 99 %); {part(burnt, len(dc))} beyond {COLOURS[0]} to {COLOURS[1]}",
+            f"{low:z.2f} to {high:z.2f} (1 to 99 %); {part(burnt, len(dc))} beyond {COLOURS[0]} to {COLOURS[1]}",
             "without view dependence; what lies outside 0 to 1 is clipped",
             "Train with a lower sh_rate." if burnt > BURNT_SHARE * len(dc) else "",
             "Train with a lower learning rate of colours.",

@@ -132,6 +132,12 @@ def test_opacities_that_are_no_logits_are_reported(tmp_path):
     assert asked_for(findings) == {"opacities"} and "between 0.5 and 0.73" in findings["opacities"].meaning
 
 
+def test_black_has_no_sign(tmp_path):
+    rows = sound_rows()
+    rows["f_dc_0"] = -1.7727  # a colour of -0.00006
+    assert examined(write(tmp_path / "a.ply", rows))[0]["colours"].figure.startswith("0.00 to 0.50 (")
+
+
 @pytest.mark.parametrize("column, name", [("scale", "scales"), ("f_dc", "colours")])
 def test_scales_and_colours_stored_as_plain_values_are_reported(tmp_path, column, name):
     rows, random = sound_rows(), np.random.default_rng(1)

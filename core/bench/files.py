@@ -18,7 +18,7 @@ SUFFIXES = (".csv", ".json", ".png")
 
 def check_free(folder: Path, names: tuple[str, ...], force: bool) -> None:
     """Raise BadInput if `folder` cannot be written in,
-    or if a figure of one of these names is in it and not to be replaced.
+    or if a figure of one of these names is in it and not to be replaced; BadSetting if it has the suffix of a file.
 
     Asked before the minutes of measuring.
     """

@@ -74,6 +74,9 @@ def bench(
 
     They are of the run in `run_folder` or, without one, of all presets, which are trained now on `scene` or on the
     built-in scene. force: replace figures that are there, or remove them where nothing can be drawn in their place.
+
+    Raises BadInput for a scene, run or output that cannot be used, and where nothing can be measured; BadSetting for an
+    output with the suffix of a file; DiskFull.
     """
     _check_asked(scene, run_folder, names)
     names = tuple(name for name in FIGURES if name in names)  # one may be given twice
@@ -143,7 +146,8 @@ def curves(runs: tuple[Path, ...], protocols: tuple[str, ...], refine: bool, rep
 
     Figures that an earlier call left there are replaced or, if they are not drawn now, removed: they may be of other
     runs. runs: their folders, the newest run if empty; one given twice is drawn once. refine: if False, only the
-    training is drawn.
+    training is drawn. Raises BadInput for a run that cannot be used or written in, or whose held-out quality was never
+    measured; DiskFull.
     """
     found = [run_folders.find_run(path) for path in runs or (None,)]
     folders = list({folder.resolve(): folder for folder in found}.values())

@@ -45,6 +45,10 @@ def train(
 
     Cameras or points that the scene lacks are made first (core.data.prepare), and kept beside the run for the next one.
     masks: a folder of pictures, white where the photo of that name is to be used (core.data.given_masks).
+
+    Raises BadInput for a scene, masks or an output that cannot be used, BadSetting for settings that do not suit them
+    or the machine and for an output named as a .ply; TrainingStopped and DiskFull. A stop is a KeyboardInterrupt that
+    says what is kept of the training.
     """
     # Mistakes are refused before cameras are found, which may take minutes.
     check_resolution(settings.resolution)
@@ -65,7 +69,10 @@ def train(
 
 
 def resume(folder: Path | None, report: Report = QUIET) -> Path:
-    """Continue a stopped run (default: the newest) as if it had never stopped; a finished one is left as it is."""
+    """Continue a stopped run (default: the newest) as if it had never stopped; a finished one is left as it is.
+
+    Raises as `train`; also BadInput for a run that cannot go on, such as one whose photos have changed.
+    """
     folder = run_folders.find_run(folder)
     with held(folder):
         return _continue_run(folder, report)

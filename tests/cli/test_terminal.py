@@ -202,7 +202,7 @@ def test_work_goes_on_after_its_output_is_closed():
         assert (speaker.stderr.read(), speaker.wait()) == ("worked\n", 0)
 
 
-def test_output_to_a_full_disk_is_an_error(monkeypatch):
+def test_output_to_a_full_disk_is_an_error():
     class Full(io.StringIO):
         def write(self, _):
             raise OSError(errno.ENOSPC, "No space left on device")

@@ -159,7 +159,7 @@ def test_what_a_run_did_not_learn_is_not_reported(tmp_path, changes):
     assert ("residuals" in findings) == (changes["appearance"] != "off")
 
 
-def test_a_run_without_its_photos_is_examined_all_the_same(trained, tmp_path):
+def test_a_run_without_its_photos_is_examined_all_the_same(trained):
     hidden = trained.parent / "scene" / "images"
     hidden.rename(hidden.with_name("hidden"))
     try:

@@ -29,7 +29,7 @@ from tests.pipeline.conftest import STEPS
 from tests.small import damage
 
 
-def test_evaluation_writes_figures_and_a_sheet(trained, tmp_path):
+def test_evaluation_writes_figures_and_a_sheet(trained):
     heard = Heard()
     results = pipeline.evaluate(trained[0], "half", heard, refine=False)
     assert (results.train_photos, results.test_photos, results.steps, results.scale) == (4, 2, STEPS, 1.0)
@@ -213,7 +213,7 @@ def test_figures_of_a_run_that_was_renamed_meanwhile_do_not_make_a_folder_of_its
     assert not (tmp_path / "renamed" / "results.json").exists()
 
 
-def test_figures_are_printed_even_if_the_disk_is_full(trained, tmp_path, monkeypatch):
+def test_figures_are_printed_even_if_the_disk_is_full(trained, monkeypatch):
     monkeypatch.setattr(evaluating, "write_png", failing(disk_full("sheet.png")))
     heard = Heard()
     with pytest.raises(WegsError, match="disk is full"):

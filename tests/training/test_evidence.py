@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import reduce
 
+import cv2
 import numpy as np
 import pytest
 
@@ -194,6 +195,23 @@ def test_texture_finer_than_features_are_off_is_no_colour(tmp_path):
     chequered = np.repeat(255 * ((rows + columns) % 2)[..., None], 3, axis=2).astype(np.uint8)
     found = find_sightings(collection.points, [replace(photo, pixels=chequered) for photo in photos])
     assert np.abs(found.colour - 0.5).max() < 0.1
+
+
+def test_large_photos_are_shrunk_before_they_are_blurred(tmp_path, monkeypatch):
+    collection = known_collection(tmp_path, plain, photos=4)
+    photos = [
+        replace(
+            photo,
+            pixels=cv2.resize(photo.pixels, None, fx=12, fy=12, interpolation=cv2.INTER_CUBIC),
+            camera=photo.camera.resized(12 * WIDTH, 12 * HEIGHT),
+        )
+        for photo in SizedPhotos(collection.photos, Sizes(1, 32)).photos
+    ]
+    shrunk = find_sightings(collection.points, photos)
+    monkeypatch.setattr("core.training.sightings.BLURRED_PIXELS", 1 << 30)
+    found = find_sightings(collection.points, photos)
+    assert 255 * np.abs(shrunk.colour - found.colour).max() < 1 and not np.array_equal(shrunk.colour, found.colour)
+    assert np.array_equal(shrunk.pixel, found.pixel)
 
 
 def test_a_photo_is_near_another_that_looks_at_a_point_from_as_far_away():

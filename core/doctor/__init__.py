@@ -26,11 +26,10 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         what = f"{path} is neither a file nor a folder." if path.exists() else f"There is no file or folder {path}."
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
     suffix = path.suffix.lower()
+    if not (run_folders.is_run(path) or suffix == ".ply"):
+        run_folders.check_not_within_run(path)
     if run_folders.is_run(path):
         findings = examine_run(path, report)
-    elif suffix != ".ply" and (run := run_folders.run_around(path)):
-        kind = "folder" if path.is_dir() else "file"
-        raise BadInput(f"{path} is a {kind} in a run.", f"Give the folder of the run: {run}")
     elif path.is_file() and suffix in PACKED:
         raise BadInput(f"{path} is no .ply.", "Convert it to one, in SuperSplat say.")
     elif newest := max(path.glob(run_folders.CLOUDS), key=_step_and_date, default=None):

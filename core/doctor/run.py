@@ -123,20 +123,20 @@ def _looks(trained: TrainedRun, report: Report) -> list[Finding]:
     unusable: dict[str, str] = {}  # with what to do about each
     base = trained.base(trained.splats.finite_rows())
     added = _Residuals(trained.settings)
-    for number, photo in enumerate(photos):
-        report.progress("Looks", number + 1, len(photos), photo.name)
+    for done, photo in enumerate(photos, 1):
         try:
             sized = trained.sized_photo(photo)
         except BadInput as problem:  # of the photo or of its mask
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
-            continue
-        with torch.no_grad():
-            reading = trained.model.read(sized.encoder_input, trained.model.row_of(photo.name))
-            residual = trained.model.transfer(base, reading.embedding)[1]
-        if reading.mask is not None:
-            masks[photo.name] = float(reading.mask.mean())
-        if residual is not None and residual.numel():
-            added.add(residual)
+        else:
+            with torch.no_grad():
+                reading = trained.model.read(sized.encoder_input, trained.model.row_of(photo.name))
+                residual = trained.model.transfer(base, reading.embedding)[1]
+            if reading.mask is not None:
+                masks[photo.name] = float(reading.mask.mean())
+            if residual is not None and residual.numel():
+                added.add(residual)
+        report.progress("Looks", done, len(photos), photo.name)
     findings = []
     if unusable:
         example, fix = next(iter(unusable.items()))

@@ -166,16 +166,16 @@ def _world(collection: Collection) -> Finding:
 def _photos(collection: Collection, report: Report) -> list[Finding]:
     unusable, flat, may_be_empty = {}, [], transparent_may_be_empty(collection, Settings())
     photos = collection.split("train") + collection.split("test")
-    for number, photo in enumerate(photos, 1):
-        report.progress("Photos", number, len(photos), photo.name)
+    for done, photo in enumerate(photos, 1):
         small = photo.camera.shrunk(SMALL_PX / photo.camera.width)
         try:
             loaded = load_photo(photo, small.width, small.height, transparent_is_empty=may_be_empty)
         except BadInput as problem:
             unusable[named_with_fault(photo.name, photo.path, problem)] = problem.fix
-            continue
-        if is_flat(loaded.pixels) and loaded.empty is None:
-            flat.append(f"{photo.name}: {loaded.pixels.mean():.0f} of 255")
+        else:
+            if is_flat(loaded.pixels) and loaded.empty is None:
+                flat.append(f"{photo.name}: {loaded.pixels.mean():.0f} of 255")
+        report.progress("Photos", done, len(photos), photo.name)
     return _photo_findings(unusable, flat, len(photos))
 
 

@@ -60,15 +60,15 @@ def find_run(path: Path | None) -> Path:
     """The run at `path`, or the `default_run` for None; BadInput if it is none."""
     if path is None:
         if (found := default_run()) is None:
-            what = f"There is no run in {RUNS} of the current folder."
+            what = f"There is no run in {RUNS}/ of the current folder."
             raise BadInput(what, "Give the folder of one, or type: wegs train SCENE")
         return found
-    if path.is_file():
-        which = f": {run}" if (run := run_around(path)) else ", which `wegs train` made"
-        raise BadInput(f"{path} is a file, not a folder.", f"Give the folder of the run{which}.")
-    if not path.is_dir():
-        raise BadInput(f"There is no folder {path}.", "Give one that `wegs train` made.")
     if not is_run(path):
+        check_not_within_run(path)
+        if path.is_file():
+            raise BadInput(f"{path} is a file, not a folder.", "Give the folder of the run, which `wegs train` made.")
+        if not path.is_dir():
+            raise BadInput(f"There is no folder {path}.", "Give one that `wegs train` made.")
         if (config := path / CONFIG).is_file() and (fault := fault_of_mark(config)):  # it may have been one's
             raise BadInput(f"{config} {fault}, and {path} has no checkpoint.", "If it was a run, train it again.")
         inner = newest_in(path)
@@ -77,9 +77,11 @@ def find_run(path: Path | None) -> Path:
     return path
 
 
-def run_around(path: Path) -> Path | None:
-    """The run that a file or folder lies in, however deep; None if it lies in none."""
-    return next(filter(is_run, (*path.parents, *path.absolute().parents)), None)
+def check_not_within_run(path: Path) -> None:
+    """Raise BadInput for a file or folder that lies in a run, however deep."""
+    if path.exists() and (run := next(filter(is_run, (*path.parents, *path.absolute().parents)), None)):
+        kind = "folder" if path.is_dir() else "file"
+        raise BadInput(f"{path} is a {kind} in a run.", f"Give the folder of the run: {run}")
 
 
 def is_at_work(folder: Path) -> bool:

@@ -47,7 +47,7 @@ def test_no_run_and_no_such_run_are_refused(here):
     with pytest.raises(BadInput, match=f"{here.name} is not a run"):
         run_folders.find_run(here)
     begin(Path("runs/a"))
-    with pytest.raises(BadInput, match="config.json is a file, not a folder. Give the folder of the run: runs/a"):
+    with pytest.raises(BadInput, match="config.json is a file in a run. Give the folder of the run: runs/a$"):
         run_folders.find_run(Path("runs/a/config.json"))
     with pytest.raises(BadInput, match="^runs is not a run: .* Give a run in it, such as runs/a.$"):
         run_folders.find_run(Path("runs"))

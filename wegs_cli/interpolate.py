@@ -21,8 +21,8 @@ from wegs_cli.options import DEFAULT_RUN, InputPath, OutputPath
     "views",
     metavar="NAME",
     multiple=True,
-    help="Photo of the scene whose camera is used. Given twice, the camera moves from the first to the second. "
-    " [default: the first held-out one]",
+    help="Photo of the scene whose camera is used. Repeatable: the camera moves from each to the next, about what most "
+    "of them show.  [default: the first held-out one]",
 )
 @click.option("--no-refine", is_flag=True, help="Keep the looks that the encoder reads; see `wegs bake`.")
 @click.option("--ply", is_flag=True, help="Also write one .ply per frame.")
@@ -38,7 +38,7 @@ def interpolate(first, last, steps, views, no_refine, ply, output, run_folder, f
     Examples:
       wegs interpolate noon.jpg dusk.jpg
       wegs interpolate neutral dusk.jpg --steps 24 --ply -o fade
-      wegs interpolate neutral dusk.jpg --view 0001.jpg --view 0019.jpg
+      wegs interpolate neutral dusk.jpg --steps 48 --view 0001.jpg --view 0019.jpg
     """
     from core import pipeline
     from wegs_cli.terminal import Terminal

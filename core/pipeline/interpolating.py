@@ -17,6 +17,7 @@ from core.looks.trained import Look, TrainedRun, bake, blend, drawn
 from core.pipeline.opened import ONE_LOOK, open_run
 from core.report import QUIET, Report
 from core.scene.camera import Camera
+from core.scene.camera_path import camera_path
 from core.system.atomic import filling
 from core.system.outputs import check_apart, check_fillable, check_named_as_folder, holds_others
 from core.words import counted
@@ -39,12 +40,12 @@ def interpolate(
 ) -> Path:
     """Fade from one look to another in `steps` frames (2 or more); returns their folder.
 
-    The first and the last frame show the two looks themselves, bit for bit. views: one photo whose camera is used, or
-    two between whose cameras it moves, about what both show; none: as `find_view`. ply: write each look as a .ply, too.
-    refine: as in `bake_to_file`. Raises BadSetting for fewer steps, more views and an output with the suffix of a file,
-    BadInput for a run, look, view or output that cannot be used; DiskFull.
+    The first and the last frame show the two looks themselves, bit for bit. views: the photo whose camera is used or,
+    if there are more, those from camera to camera of which it moves, about what most of them show; none: as
+    `find_view`. ply: write each look as a .ply, too. refine: as in `bake_to_file`. Raises BadSetting for fewer steps
+    and an output with the suffix of a file, BadInput for a run, look, view or output that cannot be used; DiskFull.
     """
-    _check_asked(steps, views, output)
+    _check_asked(steps, output)
     trained = open_run(folder, report)
     photos = [find_view(trained, view) for view in views or (None,)]
     seen_from = f"seen from {' to '.join(photo.name for photo in photos)}"
@@ -59,8 +60,10 @@ def interpolate(
         report.say(f"  {which} {end.source}")
     if not trained.has_looks:
         report.warn(ONE_LOOK)
+    seen_by = [trained.camera(photo) for photo in photos]
+    path = camera_path(seen_by, steps, _shown_by_most(trained, seen_by))
     with filling(output, FADE, force) as work:
-        frames = _write_frames(trained, ends, steps, [trained.camera(photo) for photo in photos], ply, work, report)
+        frames = _write_frames(trained, ends, path, ply, work, report)
         on_sheet = KeptPictures(spread_over(frames.paths, MOST_ON_SHEET))
         write_png(work / "sheet.png", contact_sheet(f"{_short(first)} to {_short(last)}, {seen_from}", on_sheet))
         try:
@@ -76,16 +79,11 @@ def interpolate(
     return output
 
 
-def _check_asked(steps: int, views: Sequence[str], output: Path | None) -> None:
+def _check_asked(steps: int, output: Path | None) -> None:
     """Raise BadSetting for what no run could do."""
     if steps < 2:
         raise BadSetting(
             f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more."
-        )
-    if len(views) > 2:
-        raise BadSetting(
-            f"The camera cannot move along {len(views)} views.",
-            "Give --view once, or twice for the way between two cameras.",
         )
     if output is not None:
         check_named_as_folder(
@@ -103,37 +101,30 @@ def _ends(trained: TrainedRun, first: str, last: str, refine: bool, report: Repo
     return looks[first], looks[last]
 
 
+def _shown_by_most(trained: TrainedRun, cameras: Sequence[Camera]) -> np.ndarray | None:
+    """The middle (3,) of the place that most of the cameras show; None if there is none that two of them show."""
+    place = trained.splats.means[: trained.solid_count].cpu().double().numpy()
+    showing = np.sum([camera.shows(place)[0] for camera in cameras], axis=0)
+    most = showing.max(initial=0)
+    return np.median(place[showing == most], axis=0) if most > 1 else None
+
+
 def _write_frames(
-    trained: TrainedRun,
-    ends: tuple[Look, Look],
-    steps: int,
-    cameras: list[Camera],
-    ply: bool,
-    folder: Path,
-    report: Report,
+    trained: TrainedRun, ends: tuple[Look, Look], path: Sequence[Camera], ply: bool, folder: Path, report: Report
 ) -> KeptPictures:
-    """Draw the looks from one end to the other, and write them as pictures and, with `ply`,
+    """Draw the looks from one end to the other, each as its camera sees it, and write them as pictures and, with `ply`,
     as files; returns the pictures."""
     pruner = pruner_of(trained, report) if ply else None
-    told, digits = _OnceEach(report), max(3, len(str(steps - 1)))
-    begin, end = cameras[0], cameras[-1]
-    pivot = _shown_by_both(trained, begin, end)
+    told, steps = _OnceEach(report), len(path)
+    digits = max(3, len(str(steps - 1)))
     frames = [folder / f"frame_{step:0{digits}d}.png" for step in range(steps)]
-    for step, frame in enumerate(frames):
-        share = step / (steps - 1)
-        look = blend(*ends, share)
+    for step, (camera, frame) in enumerate(zip(path, frames, strict=True)):
+        look = blend(*ends, step / (steps - 1))
         if ply:
             write_look(trained, look, folder / f"step_{step:0{digits}d}.ply", told, pruner)
-        write_png(frame, to_8_bit(drawn(trained, bake(trained, look), begin.toward(end, share, pivot))))
+        write_png(frame, to_8_bit(drawn(trained, bake(trained, look), camera)))
         report.progress("Frames", step + 1, steps)
     return KeptPictures(frames)
-
-
-def _shown_by_both(trained: TrainedRun, first: Camera, second: Camera) -> np.ndarray | None:
-    """The middle (3,) of the place that both cameras show; None if they show none of it."""
-    place = trained.splats.means[: trained.solid_count].cpu().double().numpy()
-    shown = first.shows(place)[0] & second.shows(place)[0]
-    return np.median(place[shown], axis=0) if shown.any() else None
 
 
 class _OnceEach(Report):

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from core.scene.frame import SceneFrame
 
@@ -73,35 +72,6 @@ class Camera:
         """The window of the picture that starts at (left, top); all in pixels."""
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
-    def toward(self, other: "Camera", share: float, pivot: np.ndarray | None) -> "Camera":
-        """The camera that is this `share` of the way to another one, in [0, 1], turning at a constant rate.
-
-        pivot: the point (3,) about which it moves, and which crosses the picture evenly: in the axes of the camera, it
-        is on a straight line. None: the camera is on a straight line itself.
-
-        The picture keeps its size and principal point. The other's focal length counts relative to the longer side of
-        its own picture.
-        """
-        if share == 0 or other is self:
-            return self
-
-        def between(first, last):
-            return (1 - share) * first + share * last
-
-        turn = Rotation.from_matrix(other.world_to_camera @ self.world_to_camera.T).as_rotvec()
-        turned = Rotation.from_rotvec(share * turn).as_matrix() @ self.world_to_camera
-        centre = between(self.centre, other.centre)
-        if pivot is not None:
-            centre = pivot - between(self._in_axes(pivot), other._in_axes(pivot)) @ turned
-        enlarged = max(self.width, self.height) / max(other.width, other.height)
-        return replace(
-            self,
-            world_to_camera=turned,
-            centre=centre,
-            fx=between(self.fx, enlarged * other.fx),
-            fy=between(self.fy, enlarged * other.fy),
-        )
-
     def in_scene(self, frame: SceneFrame) -> "Camera":
         """The camera moved from world units into the scene frame."""
         return replace(self, centre=frame.to_scene(self.centre))
@@ -115,14 +85,14 @@ class Camera:
         pixels, depths = self.project(points)
         return (depths > 0) & (pixels >= 0).all(axis=1) & (pixels <= (self.width, self.height)).all(axis=1), depths
 
+    def in_axes(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) in the axes of the camera, from its centre."""
+        return (points - self.centre) @ self.world_to_camera.T
+
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (P, 3) -> pixel positions (P, 2) and depths (P,), float64. Depths <= 0 lie behind the camera."""
-        local = self._in_axes(np.asarray(points, dtype=np.float64))
+        local = self.in_axes(np.asarray(points, dtype=np.float64))
         depth = local[:, 2]
         safe = np.where(np.abs(depth) > 1e-12, depth, 1e-12)
         pixels = np.stack([self.fx * local[:, 0] / safe + self.cx, self.fy * local[:, 1] / safe + self.cy], axis=1)
         return pixels, depth
-
-    def _in_axes(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) in the axes of the camera, from its centre."""
-        return (points - self.centre) @ self.world_to_camera.T

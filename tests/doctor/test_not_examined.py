@@ -9,7 +9,7 @@ import pytest
 from core.doctor import examine
 from core.errors import BadInput
 from tests.doctor.examined import examined
-from tests.doctor.test_ply import cameras_json, sound_rows, write
+from tests.doctor.plies import cameras_json, sound_rows, write
 from tests.heard import Heard
 
 

@@ -1,42 +1,12 @@
 """A .ply on the table: planted faults are counted, whoever wrote the file."""
 
-import json
 import os
 
 import numpy as np
-import plyfile
 import pytest
 
-from core.errors import BadInput
 from tests.doctor.examined import asked_for, examined
-
-ROWS = 400
-
-
-def columns(rest: int = 45) -> list[str]:
-    """Of a 3DGS .ply as other programs write it: any order, no normals, a column of their own."""
-    names = [*(f"rot_{i}" for i in range(4)), *(f"scale_{i}" for i in range(3)), "opacity", "x", "y", "z", "segment"]
-    return [*names, *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))]
-
-
-def sound_rows(rest: int = 45, kind: str = "<f4") -> np.ndarray:
-    """Small round grey Gaussians, half transparent, in a ball of radius 1."""
-    random = np.random.default_rng(0)
-    rows = np.zeros(ROWS, dtype=[(name, kind) for name in columns(rest)])
-    places = random.normal(size=(ROWS, 3))
-    places *= random.random((ROWS, 1)) / np.linalg.norm(places, axis=1, keepdims=True)
-    for axis, name in enumerate("xyz"):
-        rows[name] = places[:, axis]
-    for axis in range(3):
-        rows[f"scale_{axis}"] = np.log(0.01)
-    rows["rot_0"] = 1
-    return rows
-
-
-def write(path, rows, comment=""):
-    comments = [comment] if comment else []
-    plyfile.PlyData([plyfile.PlyElement.describe(rows, "vertex", comments=comments)]).write(str(path))
-    return path
+from tests.doctor.plies import ROWS, cameras_json, sound_rows, write
 
 
 @pytest.mark.parametrize("rest, degree", [(0, 0), (9, 1), (24, 2), (45, 3)])
@@ -191,12 +161,6 @@ def test_coordinates_too_large_for_float32_are_reported_in_units_and_pixels(tmp_
         assert found.figure.startswith(f"0.3 units, {px}") and "Recentre" in found.advice
 
 
-def cameras_json(*positions) -> str:
-    """Cameras of the original project at these places, looking along z."""
-    lens = {"width": 64, "height": 48, "fx": 50.0, "fy": 50.0}
-    return json.dumps([{"position": list(p), "rotation": np.eye(3).tolist(), **lens} for p in positions])
-
-
 def test_the_last_iteration_of_another_programs_run_is_examined(tmp_path):
     (tmp_path / "config.json").write_text('{"learning_rate": 1}')
     for age, (name, count) in enumerate((("30000", 40), ("7000", 50), ("best", 60))):
@@ -205,20 +169,6 @@ def test_the_last_iteration_of_another_programs_run_is_examined(tmp_path):
         write(path, sound_rows()[:count])
         os.utime(path, (1e9 + age, 1e9 + age))
     assert examined(tmp_path)[0]["file"].figure.startswith("40 Gaussians")
-
-
-@pytest.mark.parametrize("folder", [".", "point_cloud/iteration_7"])
-def test_cameras_of_the_run_folder_tell_pixels_and_what_no_photo_shows(tmp_path, folder):
-    (tmp_path / folder).mkdir(parents=True, exist_ok=True)
-    rows = sound_rows()
-    rows["z"][:100] = -9.0  # behind the camera
-    rows["opacity"] = -3.0  # nothing hides another
-    path = write(tmp_path / folder / "point_cloud.ply", rows)
-    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
-    for given in (path, tmp_path) if folder != "." else (path,):
-        findings, _ = examined(given)
-        assert findings["never seen"].figure == "100 (25 %)" and findings["never seen"].advice
-        assert "px in the median of 1 camera" in findings["float32 positions"].figure
 
 
 def test_a_sky_of_ours_is_large_and_seen_by_no_photo_and_sound_all_the_same(tmp_path):
@@ -272,42 +222,6 @@ def test_scales_that_are_no_logarithms_are_reported(tmp_path):
     assert findings["scales"].figure.startswith("400 (100 %) in the scene")
 
 
-def refuse(*_):
-    """In place of what draws Gaussians."""
-    raise BadInput("400 Gaussians cover 1e9 tiles.", "Lower the resolution (-r).")
-
-
-def test_gaussians_too_large_to_draw_do_not_end_the_examination(tmp_path, monkeypatch):
-    monkeypatch.setattr("core.doctor.views.largest_contributions", refuse)
-    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0)))
-    findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
-    assert asked_for(findings) == {"never seen"} and "-r" not in findings["never seen"].advice
-
-
-def test_the_principal_point_of_a_camera_is_used(tmp_path):
-    rows = sound_rows()
-    rows["opacity"] = -3.0
-    cameras = json.loads(cameras_json((0.0, 0.0, -4.0)))
-    (tmp_path / "cameras.json").write_text(json.dumps([cameras[0] | {"cx": 5000.0}]))
-    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "400 (100 %)"
-
-
-def test_the_rotation_of_a_camera_is_used(tmp_path):
-    rows = sound_rows()
-    rows["opacity"] = -3.0
-    # Camera to world.
-    camera = json.loads(cameras_json((-4.0, 0.0, 0.0)))[0] | {"rotation": [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]}
-    (tmp_path / "cameras.json").write_text(json.dumps([camera]))
-    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "none"
-
-
-def test_what_only_the_second_camera_shows_is_seen(tmp_path):
-    rows = sound_rows()
-    rows["opacity"], rows["z"][:100] = -3.0, -9.0
-    (tmp_path / "cameras.json").write_text(cameras_json((0.0, 0.0, -4.0), (0.0, 0.0, -14.0)))
-    assert examined(write(tmp_path / "a.ply", rows))[0]["never seen"].figure == "none"
-
-
 def test_the_units_of_a_file_change_nothing(tmp_path):
     rows = sound_rows()
     rows["scale_0"][40:45] = 1.0
@@ -320,33 +234,6 @@ def test_the_units_of_a_file_change_nothing(tmp_path):
     pixels = [findings["float32 positions"].figure.partition(" units, ")[2] for findings in (plain, scaled)]
     halves = [float(findings["extent"].figure.split()[5].strip(",")) for findings in (plain, scaled)]
     assert pixels[0] == pixels[1] and pixels[0].endswith("px") and halves[1] == pytest.approx(1000 * halves[0])
-
-
-BROKEN = (
-    *({"width": 0}, {"width": -5}, {"width": float("inf")}, {"height": 1 << 70}),
-    *({"fx": 0}, {"fx": float("nan")}, {"fx": 1e50}, {"cx": -1e300}),
-    *(
-        {"position": [0, 0, float("nan")]},
-        {"rotation": [[1, 0, 0], [1e50, 1, 0], [0, 0, 1]]},
-        {"rotation": [[0, 0, 0]] * 3},
-    ),
-    {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]},  # mirrored
-)
-
-
-@pytest.mark.parametrize("broken", BROKEN)
-def test_cameras_that_cannot_be_drawn_with_are_damaged_ones(tmp_path, broken):
-    cameras = json.loads(cameras_json((0.0, 0.0, -4.0)))
-    (tmp_path / "cameras.json").write_text(json.dumps([cameras[0] | broken]))
-    findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
-    assert asked_for(findings) == {"cameras"}
-
-
-@pytest.mark.parametrize("text", ["", "[{}]", '[{"position": 3}]'])
-def test_damaged_cameras_are_a_finding_and_the_rest_goes_on(tmp_path, text):
-    (tmp_path / "cameras.json").write_text(text)
-    findings, _ = examined(write(tmp_path / "a.ply", sound_rows()))
-    assert asked_for(findings) == {"cameras"} and "never seen" not in findings
 
 
 def test_a_file_of_nothing_but_poison_is_read(tmp_path):

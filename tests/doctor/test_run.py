@@ -18,7 +18,7 @@ from core.run import checkpoint
 from core.run.claim import held
 from tests.data.small_scene import HEIGHT, WIDTH, SmallScene
 from tests.doctor.examined import asked_for, examined
-from tests.doctor.test_ply import refuse
+from tests.doctor.plies import refuse
 from tests.doctor.test_scene import mark_as_made
 from tests.heard import Heard
 from tests.small import small_settings, unfinished

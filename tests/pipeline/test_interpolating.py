@@ -17,6 +17,7 @@ from core.looks.find_look import find_look
 from core.looks.pruning import Pruned, Pruner
 from core.looks.trained import bake, load_run
 from core.pipeline import interpolating
+from core.scene.camera_path import camera_path
 from tests.failing import find_look_without_work
 from tests.heard import Heard
 
@@ -43,7 +44,7 @@ def test_the_ends_of_a_fade_are_the_two_bakes_bit_for_bit(trained, tmp_path, few
     assert not torch.equal(ends_sh[1], ends_sh[0]) and not torch.equal(ends_sh[1], ends_sh[2])
 
 
-def test_the_camera_moves_from_one_view_to_the_other(trained, tmp_path):
+def test_the_camera_moves_from_one_view_to_the_next(trained, tmp_path):
     folder, views = trained[0], ("photo_0", "photo_2")
     fades = {
         names: pipeline.interpolate(folder, *["neutral"] * 2, 3, tmp_path / "-".join(names), views=names)
@@ -54,20 +55,21 @@ def test_the_camera_moves_from_one_view_to_the_other(trained, tmp_path):
     )
     assert (moved[0] == first[0]).all() and abs(moved[2] - last[2]).max() <= 1
     assert min(abs(moved[1] - end).mean() for end in (moved[0], moved[2])) > 1
-    with pytest.raises(BadSetting, match="along 3 views"):
-        pipeline.interpolate(
-            folder, "neutral", "neutral", 3, tmp_path / "none", views=("photo_0", "photo_1", "photo_2")
-        )
+    pipeline.interpolate(folder, "neutral", "neutral", 3, tmp_path / "three", views=("photo_0", "photo_4", "photo_2"))
+    through = cv2.imread(str(tmp_path / "three" / "frame_001.png")).astype(int)
+    pipeline.interpolate(folder, "neutral", "neutral", 2, tmp_path / "between", views=("photo_4",))
+    between = cv2.imread(str(tmp_path / "between" / "frame_000.png")).astype(int)
+    assert abs(through - between).max() <= 1
 
 
-def test_a_camera_that_moves_keeps_what_both_views_show_in_the_picture(trained):
+def test_a_camera_that_moves_keeps_what_most_views_show_in_the_picture(trained):
     run = load_run(trained[0])
     first, second = (run.camera(run.collection.photo(name)) for name in ("photo_0", "photo_2"))
-    pivot = interpolating._shown_by_both(run, first, second)
-    for share in np.linspace(0, 1, 5):
-        assert first.toward(second, share, pivot).shows(pivot[None])[0].all()
+    pivot = interpolating._shown_by_most(run, [first, second])
+    assert all(camera.shows(pivot[None])[0].all() for camera in camera_path([first, second], 5, pivot))
     away = replace(second, world_to_camera=np.diag([-1.0, 1.0, -1.0]) @ second.world_to_camera)
-    assert interpolating._shown_by_both(run, first, away) is None  # so the camera moves straight
+    assert np.array_equal(interpolating._shown_by_most(run, [first, away, second]), pivot)
+    assert interpolating._shown_by_most(run, [first, away]) is None  # so the camera moves straight
 
 
 def test_a_look_that_is_both_ends_is_refined_once(trained, tmp_path, monkeypatch, few_steps):

@@ -14,9 +14,8 @@ def camera_path(views: Sequence[Camera], steps: int, pivot: np.ndarray | None) -
     """`steps` cameras, evenly spaced, from the first view through the others to the last: at a constant rate between
     two, without a jolt where they are more; as many times the first if it is the only one.
 
-    pivot: the point (3,) about which the camera moves. Seen by the camera, that point goes straight from its place in
-    one view to its place in the next, so it stays in the picture if both show it. None: the camera itself goes
-    straight.
+    pivot: the point (3,) about which the camera moves. In the camera's axes, that point goes from its place in one view
+    to its place in the next, straight if there are two, and so stays in the picture. None: the camera itself goes so.
 
     All have the size and the principal point of the first view. The focal lengths of the others count relative to the
     longer sides of their pictures.

@@ -43,9 +43,10 @@ def interpolate(
     The first and the last frame show the two looks themselves, bit for bit. views: the photo whose camera is used or,
     if there are more, those from camera to camera of which it moves, about what most of them show; none: as
     `find_view`. ply: write each look as a .ply, too. refine: as in `bake_to_file`. Raises BadSetting for fewer steps
-    and an output with the suffix of a file, BadInput for a run, look, view or output that cannot be used; DiskFull.
+    (than 2 or views) and an output with the suffix of a file, BadInput for a run, look, view or output that cannot be
+    used; DiskFull.
     """
-    _check_asked(steps, output)
+    _check_asked(steps, views, output)
     trained = open_run(folder, report)
     photos = [find_view(trained, view) for view in views or (None,)]
     seen_from = f"seen from {' to '.join(photo.name for photo in photos)}"
@@ -79,12 +80,14 @@ def interpolate(
     return output
 
 
-def _check_asked(steps: int, output: Path | None) -> None:
+def _check_asked(steps: int, views: Sequence[str], output: Path | None) -> None:
     """Raise BadSetting for what no run could do."""
     if steps < 2:
         raise BadSetting(
             f"{counted(steps, 'step')} cannot make a fade from one look to another.", "Take 2 steps or more."
         )
+    if steps < len(views):
+        raise BadSetting(f"{counted(steps, 'step')} cannot lead through {len(views)} views.", "Take more --steps.")
     if output is not None:
         check_named_as_folder(
             output, (".mp4", ".gif", ".ply", *SUFFIXES), "a fade is a folder of frames, with video.mp4 among them"
@@ -102,9 +105,12 @@ def _ends(trained: TrainedRun, first: str, last: str, refine: bool, report: Repo
 
 
 def _shown_by_most(trained: TrainedRun, cameras: Sequence[Camera]) -> np.ndarray | None:
-    """The middle (3,) of the place that most of the cameras show; None if there is none that two of them show."""
+    """The middle (3,) of the place that most of the cameras show, in front of all of them; None if there is none that
+    two of them show."""
     place = trained.splats.means[: trained.solid_count].cpu().double().numpy()
-    showing = np.sum([camera.shows(place)[0] for camera in cameras], axis=0)
+    place = place[np.isfinite(place).all(axis=1)]
+    shown, depths = map(np.array, zip(*(camera.shows(place) for camera in cameras), strict=True))
+    showing = shown.sum(axis=0) * (depths > 0).all(axis=0)
     most = showing.max(initial=0)
     return np.median(place[showing == most], axis=0) if most > 1 else None
 

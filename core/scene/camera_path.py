@@ -9,13 +9,15 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from core.scene.camera import Camera
 
+LEAST_ANGLE = 1e-6  # between two views, radians
+
 
 def camera_path(views: Sequence[Camera], steps: int, pivot: np.ndarray | None) -> list[Camera]:
     """`steps` cameras, evenly spaced, from the first view through the others to the last: at a constant rate between
     two, without a jolt where they are more; as many times the first if it is the only one.
 
-    pivot: the point (3,) about which the camera moves. In the camera's axes, that point goes from its place in one view
-    to its place in the next, straight if there are two, and so stays in the picture. None: the camera itself goes so.
+    pivot: the point (3,), in front of all views, about which the camera moves: its pixel and its depth go from those in
+    one view to those in the next, straight if there are two. None: the centre of the camera goes so.
 
     All have the size and the principal point of the first view. The focal lengths of the others count relative to the
     longer sides of their pictures.
@@ -23,16 +25,24 @@ def camera_path(views: Sequence[Camera], steps: int, pivot: np.ndarray | None) -
     first = views[0]
     if len(views) == 1:
         return [first] * steps
-    numbers, times = np.arange(len(views)), np.linspace(0, len(views) - 1, steps)
     rotations = Rotation.from_matrix(np.array([view.world_to_camera for view in views]))
-    turned = RotationSpline(numbers, rotations)(times).as_matrix()
-    places = np.array([view.centre if pivot is None else view.in_axes(pivot) for view in views])
-    lenses = [np.array([view.fx, view.fy]) / max(view.width, view.height) for view in views]
-    moved = PchipInterpolator(numbers, np.column_stack([places, lenses]))(times)  # overshoots nowhere
-    places, lenses = moved[:, :3], moved[:, 3:] * max(first.width, first.height)
-    centres = places if pivot is None else pivot - np.einsum("tc,tcw->tw", places, turned)
+    # By the angle that the views turn, or else the spline would overshoot them where some turn less than others.
+    angles = np.append(0, np.cumsum(np.maximum((rotations[1:] * rotations[:-1].inv()).magnitude(), LEAST_ANGLE)))
+    focal = np.array([(view.fx, view.fy) for view in views]) / [[max(view.width, view.height)] for view in views]
+    if pivot is None:
+        places = np.array([view.centre for view in views])
+    else:
+        places = np.array([view.in_axes(pivot) for view in views])
+        places[:, :2] *= focal / places[:, 2:]
+    numbers, times = np.arange(len(views)), np.linspace(0, len(views) - 1, steps)
+    moved = PchipInterpolator(numbers, np.column_stack([angles, focal, places]))(times)  # never beyond two neighbours
+    angle, focal, places = moved[:, 0], moved[:, 1:3], moved[:, 3:]
+    turned = RotationSpline(angles, rotations)(angle).as_matrix()
+    if pivot is not None:
+        places[:, :2] *= places[:, 2:] / focal
+        places = pivot - np.einsum("tc,tcw->tw", places, turned)
     path = [
         replace(first, world_to_camera=rotation, centre=centre, fx=float(fx), fy=float(fy))
-        for rotation, centre, (fx, fy) in zip(turned, centres, lenses, strict=True)
+        for rotation, centre, (fx, fy) in zip(turned, places, focal * max(first.width, first.height), strict=True)
     ]
     return [first, *path[1:]]

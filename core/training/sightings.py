@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from core.data.collection import spread_over
 from core.run.sized_photo import SizedPhoto
@@ -15,8 +16,8 @@ MOST_PHOTOS, MOST_POINTS = 200, 5000  # spread evenly over the collection; beyon
 FEWEST_PHOTOS = 3  # that must have matched a point: of two photos that disagree none is right
 BLUR = 0.003  # of the picture's diagonal: wider than features are off, so that texture does not count as a look
 BLURRED_PIXELS = 250_000  # to so many, a larger photo is shrunk first: at 2 megapixels its blur takes 0.2 s
-# Among how many a neighbour is looked for: most are there at once, but not where a small subject has all the points.
-AMONG_NEAREST = 16, 256, MOST_POINTS
+NEAREST = 16  # among so many most sightings have a neighbour, but not where a small subject has all the points
+ROWS_AT_ONCE = 256  # of those without one that are compared with all others
 EDGE = 2 * BLUR  # of the diagonal: nearer to the border the blur invents what it averages
 NEAR_DEGREES = 10.0  # at most this far from a photo that matched it, a point should be seen as well
 NEAR_DISTANCE = 1.5  # and at most this many times as far away, or as near
@@ -77,14 +78,16 @@ def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
     first, second = [], []
     for rows in rows_of_each(sightings.photo):
         pixels = sightings.pixel[rows]
-        tree, alone = cKDTree(pixels), np.arange(len(rows))
-        for count in AMONG_NEAREST:
-            distances, nearest = tree.query(pixels[alone], k=range(1, min(count, len(rows)) + 1))
-            apart = distances >= 4 * BLUR
-            there = apart.any(axis=1)
-            first.append(rows[alone[there]])
-            second.append(rows[nearest[np.arange(len(alone)), apart.argmax(axis=1)][there]])
-            alone = alone[~there]
+        distances, nearest = cKDTree(pixels).query(pixels, k=range(1, min(NEAREST, len(rows)) + 1))
+        apart = distances >= 4 * BLUR
+        there, partner = apart.any(axis=1), nearest[np.arange(len(rows)), apart.argmax(axis=1)]
+        left = np.flatnonzero(~there)
+        for part in (left[start : start + ROWS_AT_ONCE] for start in range(0, len(left), ROWS_AT_ONCE)):
+            distances = cdist(pixels[part], pixels)
+            distances[distances < 4 * BLUR] = np.inf
+            there[part], partner[part] = np.isfinite(distances.min(axis=1)), distances.argmin(axis=1)
+        first.append(rows[there])
+        second.append(rows[partner[there]])
     return np.concatenate(first), np.concatenate(second)
 
 
@@ -150,13 +153,10 @@ def _in_photo(
     rows = np.flatnonzero(inside & (matched | (degrees <= NEAR_DEGREES)))
     if len(rows):
         rows = rows[matched[rows] | ~_is_hidden(rows, pixels, depths, inside, FRONT_RADIUS * diagonal)]
-    small = sized.pixels
-    if small.shape[0] * small.shape[1] > BLURRED_PIXELS:
-        share = (BLURRED_PIXELS / (height * width)) ** 0.5
-        small = cv2.resize(small, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
-    shares = np.array(small.shape[:2]) / (height, width)
-    blurred = cv2.GaussianBlur(small.astype(np.float32) / 255, (0, 0), BLUR * float(np.hypot(*small.shape[:2])))
-    at = (pixels[rows, ::-1] * shares - 0.5).T
+    small = sized.camera.shrunk((BLURRED_PIXELS / (height * width)) ** 0.5)
+    shrunk = cv2.resize(sized.pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(shrunk.astype(np.float32) / 255, (0, 0), BLUR * np.hypot(small.width, small.height))
+    at = (pixels[rows, ::-1] * (small.height / height, small.width / width) - 0.5).T
     colours = np.stack(
         [map_coordinates(channel, at, order=1, mode="nearest") for channel in np.moveaxis(blurred, 2, 0)], 1
     )

@@ -68,8 +68,10 @@ def test_a_camera_that_moves_keeps_what_most_views_show_in_the_picture(trained):
     pivot = interpolating._shown_by_most(run, [first, second])
     assert all(camera.shows(pivot[None])[0].all() for camera in camera_path([first, second], 5, pivot))
     away = replace(second, world_to_camera=np.diag([-1.0, 1.0, -1.0]) @ second.world_to_camera)
-    assert np.array_equal(interpolating._shown_by_most(run, [first, away, second]), pivot)
+    assert interpolating._shown_by_most(run, [first, away, second]) is None  # which has it at its back
     assert interpolating._shown_by_most(run, [first, away]) is None  # so the camera moves straight
+    blind = replace(first, cx=-1e4)  # shows nothing of what lies in front of it
+    assert np.array_equal(interpolating._shown_by_most(run, [first, blind, second]), pivot)
 
 
 def test_a_look_that_is_both_ends_is_refined_once(trained, tmp_path, monkeypatch, few_steps):

@@ -1,5 +1,7 @@
 """Where a camera goes between views: evenly, about what they show, and through each of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -41,9 +43,26 @@ def test_a_camera_goes_around_what_both_views_show_and_that_crosses_the_picture_
     path = camera_path(views, 5, beside)
     distances = [np.linalg.norm(camera.centre - beside) for camera in path]
     assert np.all(np.diff(distances) > 0) and abs(path[2].centre[0]) > 4  # from side to side, and not through it
-    seen = np.array([camera.in_axes(beside) for camera in path])
-    np.testing.assert_allclose(seen, np.linspace(seen[0], seen[-1], 5), atol=1e-12)
+    seen = np.array([np.append(*camera.project(beside[None])) for camera in path])  # pixel and depth
+    np.testing.assert_allclose(seen, np.linspace(seen[0], seen[-1], 5), atol=1e-9)
     np.testing.assert_allclose(path[-1].centre, views[-1].centre, atol=1e-12)
+
+
+def test_what_both_views_show_stays_in_the_picture_through_a_zoom():
+    near, far = (
+        replace(START, fx=focal, fy=focal, centre=np.array([0, 0, -depth])) for focal, depth in ((100, 1), (1000, 10))
+    )
+    beside = np.array([0.45, 0.0, 0.0])
+    for camera in camera_path([near, far], 9, beside):
+        assert camera.project(beside[None])[0] == pytest.approx(np.array([[95, 40]]))
+
+
+@pytest.mark.parametrize("sides", [(0, 5, 120, 125), (0, 60, 60, 90), (0, 1e-5, 90, 180), (0, 100, 101, 170)])
+def test_a_camera_turns_no_farther_than_its_views(sides):
+    """However unevenly they lie, and where one is given twice."""
+    path = camera_path([facing(degrees, 4) for degrees in sides], 100 * (len(sides) - 1) + 1, ORIGIN)
+    turned = np.degrees([np.arctan2(-camera.centre[0], -camera.centre[2]) for camera in path])
+    assert np.all(np.diff(np.mod(turned + 90, 360)) > -1e-3)
 
 
 def test_a_camera_passes_through_every_view_without_a_jolt():

@@ -7,8 +7,13 @@ import pytest
 from core.system import control_groups, cores
 from tests.programs import run_python
 
-QUOTA_2, QUOTA_1 = "cpu.max", "cpu,cpuacct/job/cpu.cfs_quota_us"  # the files of versions 2 and 1
-OF_PROCESS = {QUOTA_2: "0::/\n", QUOTA_1: "4:memory:/\n3:cpu,cpuacct:/job/step\n1:cpuset:/\n"}
+QUOTA_2 = "cpu.max"  # the files of version 2, and of version 1: controllers are mounted together or linked
+QUOTA_1, QUOTA_1_LINKED = "cpu,cpuacct/job/cpu.cfs_quota_us", "cpu/job/cpu.cfs_quota_us"
+OF_PROCESS = {
+    QUOTA_2: "0::/\n",
+    QUOTA_1: "4:memory:/\n3:cpu,cpuacct:/job/step\n1:cpuset:/\n",
+    QUOTA_1_LINKED: "3:cpuacct,cpu:/job/step\n",
+}
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system has no affinity")
@@ -21,17 +26,18 @@ def test_only_the_cores_that_the_process_may_use_count():
         os.sched_setaffinity(0, before)
 
 
-@pytest.fixture(params=[QUOTA_2, QUOTA_1])
+@pytest.fixture(params=list(OF_PROCESS))
 def set_quota(request, tmp_path, monkeypatch):
-    """Writes a quota into a control group of the process."""
+    """Writes a quota, or that there is none, into a control group of the process."""
     monkeypatch.setattr(control_groups, "GROUPS", tmp_path)
     monkeypatch.setattr(control_groups, "OF_PROCESS", tmp_path / "cgroup")
     file = tmp_path / request.param
     file.parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / "cgroup").write_text(OF_PROCESS[request.param])
-    if request.param == QUOTA_1:
-        file.with_name("cpu.cfs_period_us").write_text("100000\n")
-    return lambda quota: file.write_text(f"{quota}\n" if request.param == QUOTA_1 else f"{quota} 100000\n")
+    if request.param == QUOTA_2:
+        return lambda quota: file.write_text(f"{'max' if quota is None else quota} 100000\n")
+    file.with_name("cpu.cfs_period_us").write_text("100000\n")
+    return lambda quota: file.write_text(f"{-1 if quota is None else quota}\n")
 
 
 @pytest.mark.parametrize("quota, allowed", [(50_000, 1), (300_000, 3), (250_000, 3), (900_000, 8)])
@@ -42,11 +48,21 @@ def test_no_more_cores_than_a_container_allows(set_quota, monkeypatch, quota, al
     assert cores.cores() == allowed
 
 
-@pytest.mark.parametrize("none", [-1, "max"])
-def test_a_container_without_a_quota_allows_all(set_quota, monkeypatch, none):
+def test_a_container_without_a_quota_allows_all(set_quota, monkeypatch):
     monkeypatch.setattr(cores, "scheduled", lambda: 8)
-    set_quota(none)
-    assert cores.cores() == 8
+    for quota, allowed in ((100_000, 1), (None, 8)):
+        set_quota(quota)
+        assert cores.cores() == allowed
+
+
+@pytest.mark.parametrize("period", [0, -1, "x", ""])
+@pytest.mark.parametrize("line", ["", "0::/\n", "\n", "no colon\n", "0:\n", "0::/\udcff\n", "::\n"])
+def test_files_that_say_nothing_sensible_limit_nothing(tmp_path, monkeypatch, line, period):
+    monkeypatch.setattr(control_groups, "GROUPS", tmp_path)
+    monkeypatch.setattr(control_groups, "OF_PROCESS", tmp_path / "cgroup")
+    (tmp_path / "cgroup").write_text(line, errors="surrogateescape")
+    (tmp_path / "cpu.max").write_text(f"100000 {period}\n")
+    assert cores.cores() == cores.scheduled() and list(control_groups.memory_limits()) == []
 
 
 @pytest.mark.parametrize("given, threads", [(None, 1), ("2", 2)])

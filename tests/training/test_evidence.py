@@ -214,6 +214,22 @@ def test_large_photos_are_shrunk_before_they_are_blurred(tmp_path, monkeypatch):
     assert np.array_equal(shrunk.pixel, found.pixel)
 
 
+def test_colours_of_a_shrunken_photo_are_those_of_the_same_places(tmp_path):
+    """Of ramps in a photo 1601 px wide, which does not shrink to whole pixels."""
+    collection, width, height = known_collection(tmp_path, plain, photos=4), 1601, 1201
+    ramps = np.abs(np.mod(np.arange(width) + 0.5, 400) - 200) * 255 / 200
+    pixels = np.broadcast_to(ramps[None, :, None], (height, width, 3)).round().astype(np.uint8)
+    photos = [
+        replace(photo, pixels=pixels, camera=photo.camera.resized(width, height))
+        for photo in SizedPhotos(collection.photos, Sizes(1, 32)).photos
+    ]
+    found = find_sightings(collection.points, photos)
+    along = np.mod(found.pixel[:, 0] * np.hypot(width, height), 200)
+    straight = (along > 40) & (along < 160)
+    expected = np.abs(np.mod(found.pixel[:, 0] * np.hypot(width, height), 400) - 200) / 200
+    assert straight.sum() > 100 and 200 * np.abs(found.colour[:, 0] - expected)[straight].max() < 0.3  # px
+
+
 def test_a_photo_is_near_another_that_looks_at_a_point_from_as_far_away():
     """Two of three are 4 degrees apart, as seen from the point;
     the third is in line with one of them, twice as far off."""

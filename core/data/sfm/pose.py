@@ -36,8 +36,10 @@ def _focal_length_in_exif(path: Path) -> float | None:
     header = probe(path)
     if header.is_jpeg:
         return _focal_length_in_jpeg(path)
-    black = Image.new("L", (header.width, header.height))
-    black.thumbnail((STAND_IN_PX, STAND_IN_PX))
+    if not header.exif:
+        return None
+    share = min(1, STAND_IN_PX / max(header.width, header.height))
+    black = Image.new("L", (max(1, round(share * header.width)), max(1, round(share * header.height))))
     with tempfile.TemporaryDirectory(dir=temporary_root()) as folder:
         black.save(Path(folder, "exif.jpg"), exif=upright_exif(header.exif))
         return _focal_length_in_jpeg(Path(folder, "exif.jpg"))

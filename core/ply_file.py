@@ -21,9 +21,9 @@ class _Opened(io.FileIO):
     """A binary file for plyfile, which reads headers byte by byte and refuses any that is not ASCII,
     as in other programs' comments."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, header: bytes):
         super().__init__(path)
-        self.header_bytes = _header_bytes(read_header(path)) or HEADER_BYTES
+        self.header_bytes = _header_bytes(header) or HEADER_BYTES
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
@@ -78,9 +78,10 @@ def _is_text(header: bytes) -> bool:
 
 
 def _parsed(path: Path) -> plyfile.PlyData:
-    is_text = _is_text(read_header(path))
+    header = read_header(path)
+    opened = path.open(encoding="ascii", errors="backslashreplace") if _is_text(header) else _Opened(path, header)
     with (
-        path.open(encoding="ascii", errors="backslashreplace") if is_text else _Opened(path) as file,
+        opened as file,
         warnings.catch_warnings(action="ignore", category=UserWarning),  # NumPy's of an empty list in a text
     ):
         return plyfile.PlyData.read(file)

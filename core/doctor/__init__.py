@@ -26,9 +26,10 @@ def examine(path: Path | None, report: Report) -> list[Finding]:
         what = f"{path} is neither a file nor a folder." if path.exists() else f"There is no file or folder {path}."
         raise BadInput(what, "Give a .ply, a run, a scene or a folder of photos.")
     suffix = path.suffix.lower()
-    if not (run_folders.is_run(path) or suffix == ".ply"):
+    is_run = run_folders.is_run(path)
+    if not is_run and suffix != ".ply":
         run_folders.check_not_within_run(path)
-    if run_folders.is_run(path):
+    if is_run:
         findings = examine_run(path, report)
     elif path.is_file() and suffix in PACKED:
         raise BadInput(f"{path} is no .ply.", "Convert it to one, in SuperSplat say.")

@@ -25,8 +25,8 @@ def prepare() -> None:
     values that the user has set stay."""
     # Threads that spin while they wait keep the kernels' own from running.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    if cores() < scheduled():  # OpenMP counts these
-        os.environ.setdefault("OMP_NUM_THREADS", str(cores()))
+    if (allowed := cores()) < scheduled():  # OpenMP counts these
+        os.environ.setdefault("OMP_NUM_THREADS", str(allowed))
     sys.setswitchinterval(SWITCH_S)
     _mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
     _mallopt(M_MMAP_THRESHOLD, LARGEST_BLOCK)

@@ -49,12 +49,13 @@ def gather_evidence(points: np.ndarray, photos: Sequence[SizedPhoto]) -> Evidenc
     if len(matched) < FEWEST_SIGHTINGS or len(np.unique(matched.photo)) < FEWEST_PHOTOS:
         return Evidence(len(photos))
     base, exposures = fit_exposures(matched)
+    pairs = neighbours(matched)
     left = matched.colour - exposed(exposures, matched.photo, base[matched.point])
     expected = exposed(exposures, sightings.photo, base[sightings.point])
     return Evidence(
         len(photos),
-        colour_spread=shared_spread(matched, matched.colour - _mean_colours(matched)[matched.point]),
-        spread_beyond_exposure=shared_spread(matched, left),
+        colour_spread=shared_spread(matched, pairs, matched.colour - _mean_colours(matched)[matched.point]),
+        spread_beyond_exposure=shared_spread(matched, pairs, left),
         view_dependence=view_dependence(matched, left),
         strange_share=strange_share(sightings, sightings.colour - expected),
     )
@@ -112,10 +113,10 @@ def exposed(exposures: np.ndarray, group: np.ndarray, base: np.ndarray) -> np.nd
 # --- figures
 
 
-def shared_spread(sightings: Sightings, difference: np.ndarray) -> float:
+def shared_spread(sightings: Sightings, pairs: tuple[np.ndarray, np.ndarray], difference: np.ndarray) -> float:
     """Root mean product of the differences (N, 3) of neighbouring sightings,
-    8-bit steps per channel: what they share."""
-    first, second = neighbours(sightings)
+    8-bit steps per channel: what they share. pairs: their `neighbours`."""
+    first, second = pairs
     counts = np.bincount(sightings.point)[sightings.point]
     # A base colour is the mean of n sightings and hides 1/n of their variance.
     clipped = _clipped(difference) * np.sqrt(counts / np.maximum(counts - 1, 1))[:, None]

@@ -82,7 +82,7 @@ def neighbours(sightings: Sightings) -> tuple[np.ndarray, np.ndarray]:
         apart = distances >= 4 * BLUR
         there, partner = apart.any(axis=1), nearest[np.arange(len(rows)), apart.argmax(axis=1)]
         left = np.flatnonzero(~there)
-        for part in (left[start : start + ROWS_AT_ONCE] for start in range(0, len(left), ROWS_AT_ONCE)):
+        for part in np.split(left, range(ROWS_AT_ONCE, len(left), ROWS_AT_ONCE)):
             distances = cdist(pixels[part], pixels)
             distances[distances < 4 * BLUR] = np.inf
             there[part], partner[part] = np.isfinite(distances.min(axis=1)), distances.argmin(axis=1)

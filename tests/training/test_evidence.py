@@ -55,7 +55,8 @@ def sightings(random, colour=None) -> Sightings:
 def test_noise_of_each_place_does_not_count(random):
     noise = 10 / 255 * random.normal(size=(PHOTOS * POINTS, 3))
     # The mean product of independent pairs is 0 within 10^2 / sqrt(6000) = 1.3 steps^2.
-    assert shared_spread(sightings(random), noise) < 2.0
+    made = sightings(random)
+    assert shared_spread(made, neighbours(made), noise) < 2.0
 
 
 @pytest.mark.parametrize("photos", [PHOTOS, 4])
@@ -66,7 +67,7 @@ def test_what_neighbours_share_counts_in_full(random, photos):
     noise = 6 / 255 * random.normal(size=(len(made), 3))
     # The mean over the photos is taken off.
     expected = 255 * np.sqrt((shift**2).mean()) * np.sqrt(photos / (photos - 1))
-    assert shared_spread(made, shift[made.photo] + noise) == pytest.approx(expected, rel=0.05)
+    assert shared_spread(made, neighbours(made), shift[made.photo] + noise) == pytest.approx(expected, rel=0.05)
 
 
 def test_a_few_wrong_matches_do_not_decide(random):
@@ -75,7 +76,7 @@ def test_a_few_wrong_matches_do_not_decide(random):
     for rows in rows_of_each(made.photo):
         block = rows[(made.pixel[rows] < 0.07).all(axis=1)]  # a hundredth of the photo, all of it white
         difference[block] = 1.0
-    assert shared_spread(made, difference) < 2.0
+    assert shared_spread(made, neighbours(made), difference) < 2.0
 
 
 def test_neighbours_are_in_the_same_photo_and_do_not_share_their_blur(random):
@@ -224,9 +225,9 @@ def test_colours_of_a_shrunken_photo_are_those_of_the_same_places(tmp_path):
         for photo in SizedPhotos(collection.photos, Sizes(1, 32)).photos
     ]
     found = find_sightings(collection.points, photos)
-    along = np.mod(found.pixel[:, 0] * np.hypot(width, height), 200)
-    straight = (along > 40) & (along < 160)
-    expected = np.abs(np.mod(found.pixel[:, 0] * np.hypot(width, height), 400) - 200) / 200
+    column = found.pixel[:, 0] * np.hypot(width, height)
+    straight = np.abs(np.mod(column, 200) - 100) < 60
+    expected = np.abs(np.mod(column, 400) - 200) / 200
     assert straight.sum() > 100 and 200 * np.abs(found.colour[:, 0] - expected)[straight].max() < 0.3  # px
 
 
